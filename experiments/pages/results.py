@@ -229,7 +229,7 @@ def _means(name: str, content: Mapping[str, Any]) -> list[list[str]]:
 def _where(content: Mapping[str, Any], part: str) -> str:
     """Where the views of a row are."""
     is_endless = content["pools"].get(part, {}).get("split") == ENDLESS
-    return "endless scenes, one for each episode" if is_endless and part != "dev" else SUBSETS[part][0]
+    return "endless scenes that are learnt from" if is_endless and part != "dev" else SUBSETS[part][0]
 
 
 def _on_photographs(content: Mapping[str, Any]) -> list[str]:

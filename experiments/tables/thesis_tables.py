@@ -52,8 +52,8 @@ class Table:
     """Whether training scenes do without the models that final scenes show."""
     as_command: bool = False
     """Whether detectors are fine-tuned as ``labeling.finetune`` does without options, not as the scale has it."""
-    endless: bool = False
-    """Whether each episode to learn from is of an endless scene of its own, and none of a training scene."""
+    endless: int = 0
+    """How many episodes of each endless scene are learnt from; 0: several of each training scene."""
 
     def run(self, context: RunContext) -> dict[str, Any]:
         """Makes what is missing and scores every row with every seed.
@@ -167,9 +167,9 @@ def read_table(content: Mapping[str, Any]) -> Table:
     rows = [{**row, "new_categories": tuple(row.get("new_categories", ()))} for row in content["rows"]]
     lists = {name: tuple(map(tuple, content.get(name, ()))) for name in ("gaps", "above")}
     categories = tuple(content["categories"]) if "categories" in content else None
-    flags = {name: content.get(name, False) for name in ("unseen_models", "as_command", "endless")}
-    made = tuple(Row(**row) for row in rows)
-    return Table(content["description"], content["world"], made, categories, **lists, **flags)
+    flags = {name: content.get(name, False) for name in ("unseen_models", "as_command")}
+    made, endless = tuple(Row(**row) for row in rows), content.get("endless", 0)
+    return Table(content["description"], content["world"], made, categories, **lists, **flags, endless=endless)
 
 
 _FILE = Path(__file__).with_name("thesis_tables.yaml")

@@ -115,7 +115,7 @@ class TrainingSets:
         new_categories: bool = False,
         as_command: bool = False,
         recording: int = 0,
-        endless: bool = False,
+        endless: int = 0,
     ) -> None:
         """Makes nothing yet.
 
@@ -128,7 +128,7 @@ class TrainingSets:
             as_command: fine-tune as ``labeling.finetune`` does without options, not as the scale has it.
             recording: another number, other episodes of the same training scenes; the same number, the same starts,
                 whoever moves. What is reported on does not change.
-            endless: learn from one episode in each of as many scenes of the endless split, not from several in each of
+            endless: learn from so many episodes of each of many scenes of the endless split; 0: from several of each of
                 the few training scenes.
         """
         self.world, self._context, self._policy, self._unseen_models = world, context, policy, unseen_models
@@ -155,12 +155,13 @@ class TrainingSets:
         counts = {"learn": learn, "choose": choose, "val": report, "dev": dev, "test": report}
         counts |= {"wide": wide, "final": wide}
         name, split, seed = f"{self.world}_{subset}", SPLITS[subset], SEEDS.get(subset, 0)
+        per_scene = 1
         if split == "train":
             seed += RECORDING_SEEDS * self._recording
             if self._endless:
-                split, seed = "endless", seed + ENDLESS_SEED
-        env, unseen = WORLDS[self.world], self._unseen_models
-        return EpisodePool(name, env, split, counts[subset], seed, DETECTOR, self._policy, unseen_models=unseen)
+                split, seed, per_scene = "endless", seed + ENDLESS_SEED, self._endless
+        env, unseen, who = WORLDS[self.world], self._unseen_models, (DETECTOR, self._policy)
+        return EpisodePool(name, env, split, counts[subset], seed, *who, per_scene, unseen_models=unseen)
 
     def pool_record(self, subset: Subset) -> dict[str, Any]:
         """What the record of results says about them."""

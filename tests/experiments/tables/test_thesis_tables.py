@@ -89,19 +89,22 @@ def test_some_tables_fine_tune_as_the_command_does_without_options(
     assert sets[0].photographs()[1], "forgetting is measured"
 
 
+@pytest.mark.parametrize("each", [1, 3])
 @pytest.mark.parametrize("scale", SIZES)
 def test_a_table_may_learn_in_homes_of_the_endless_split_none_of_which_it_is_told_in(
-    scale: Scale, tmp_path: Path
+    scale: Scale, each: int, tmp_path: Path
 ) -> None:
-    assert {name for name, table in TABLES.items() if table.endless} == {"table_a_3_homes"}
-    sets = TrainingSets("rooms", RunContext(scale, (0,), 1, tmp_path), new_categories=True, endless=True)
+    assert {name: table.endless for name, table in TABLES.items() if table.endless} == {"table_a_3_homes": 1}
+    sets = TrainingSets("rooms", RunContext(scale, (0,), 1, tmp_path), new_categories=True, endless=each)
     pools = {subset: sets.pool(subset) for subset in SPLITS}
     assert {subset for subset, pool in pools.items() if pool.split == "endless"} == {"learn", "choose", "dev"}
+    assert {subset for subset, pool in pools.items() if pool.episodes_per_scene == each} >= {"learn", "choose"}
     endless, begun = INTERIORS.of_split("endless"), {}
     for subset in ("learn", "choose", "dev"):
-        order = np.random.default_rng([pools[subset].seed, 0]).permutation(len(endless))
-        begun[subset] = {endless[int(number)] for number in order[: pools[subset].episodes]}
-        assert len(begun[subset]) == pools[subset].episodes, "each in a home of its own"
+        pool = pools[subset]
+        order = np.random.default_rng([pool.seed, 0]).permutation(len(endless))
+        begun[subset] = {endless[int(order[number // pool.episodes_per_scene])] for number in range(pool.episodes)}
+        assert len(begun[subset]) == -(-pool.episodes // pool.episodes_per_scene)
     assert begun["learn"].isdisjoint(begun["dev"])
     assert begun["choose"].isdisjoint(begun["learn"] | begun["dev"])
 
