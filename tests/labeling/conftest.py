@@ -15,8 +15,24 @@ from labeling.core.masks import box_xywh
 from labeling.core.rle import encode_mask
 from labeling.core.types import Detection, GroundTruth
 from labeling.io.episodes import write_episode
+from labeling.runtime import threads
 
 HEIGHT_PX, WIDTH_PX = 24, 32
+
+
+@pytest.fixture
+def threads_told(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
+    """Says how many threads there are, as ``NUMBA_NUM_THREADS`` would.
+
+    That variable is numba's, too: what is compiled while another number stands there begins so many threads, and
+    nothing can be compiled any more when the number is as it was.
+    """
+    told = threads._told
+
+    def tell(count: int) -> None:
+        monkeypatch.setattr(threads, "_told", lambda name: count if name == "NUMBA_NUM_THREADS" else told(name))
+
+    return tell
 
 
 def rectangle(top: int, left: int, height: int, width: int) -> np.ndarray:

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -95,9 +96,14 @@ def test_labels_are_the_same_for_any_number_of_workers(dataset: Path, tmp_path: 
 
 @pytest.mark.parametrize("most_px", [0, 10**9])
 def test_episodes_read_ahead_and_written_behind_are_told_in_order(
-    dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], most_px: int
+    dataset: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    threads_told: Callable[[int], None],
+    capsys: pytest.CaptureFixture[str],
+    most_px: int,
 ) -> None:
-    monkeypatch.setenv("NUMBA_NUM_THREADS", "2")
+    threads_told(2)
     monkeypatch.setattr("labeling.generator.label_jobs.MAX_BESIDE_PX", most_px)
     broken = tmp_path / "rooms"
     shutil.copytree(dataset, broken)
@@ -110,7 +116,7 @@ def test_episodes_read_ahead_and_written_behind_are_told_in_order(
         ("room_1", "failed"),
         ("room_2", "labelled"),
     ]
-    monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
+    threads_told(1)
     assert main([str(broken), "--out", str(tmp_path / "alone")]) == 2
     written, alone = files(tmp_path / "labels"), files(tmp_path / "alone")
     assert written == alone

@@ -186,10 +186,10 @@ def test_one_view_or_none_with_depth_is_no_error(depth_m):
     assert with_agreeing_poses(views, VOXEL_M, ON) == (views, None)
 
 
-def test_the_number_of_threads_changes_nothing(room, monkeypatch):
+def test_the_number_of_threads_changes_nothing(room, threads_told):
     views, found = shaken(room, seed=4), []
-    for threads in ("1", "3"):
-        monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
+    for threads in (1, 3):
+        threads_told(threads)
         found.append(with_agreeing_poses(views, VOXEL_M, LabelConfig()))
     assert found[0][1] == found[1][1]
     assert found[0][0].camera_to_world.tobytes() == found[1][0].camera_to_world.tobytes()
