@@ -36,9 +36,8 @@ class Size:
     """By world: episodes of many scenes beyond the thesis' to report on."""
     dev: dict[str, int] = field(default_factory=lambda: dict.fromkeys(WORLDS, 1))
     """By world: episodes of as many endless scenes, which nothing is trained in, to decide by."""
-    new: dict[str, Any] = field(default_factory=dict)
-    """Settings of training that differ where categories are learnt that no photograph has shown: that takes more than
-    getting better at those that one knows."""
+    new: FinetuneConfig | None = None
+    """How detectors are fine-tuned where they learn categories that no photograph has shown; None as else."""
     new_episodes: int | None = None
     """Episodes to learn such categories from; None as many as else."""
     command: FinetuneConfig = COMMAND
@@ -51,7 +50,7 @@ class Size:
 
     def train_new(self) -> FinetuneConfig:
         """Settings of training with such categories."""
-        return replace(self.train, **self.new)
+        return self.new or self.train
 
     def settings(self, *worlds: str) -> dict[str, Any]:
         """What the record of results says about training in these worlds."""
@@ -82,13 +81,7 @@ SIZES: dict[Scale, Size] = {
         {"rooms": 40, "streets": 16},
         {"rooms": 20, "streets": 8},
         # Chosen on dev homes: 240 batches are too few to know even the pictures that were learnt from.
-        {
-            "learning_rate": 6e-4,
-            "replay_share": 0.3,
-            "repeat_threshold": 0.5,
-            "iterations": 720,
-            "validate_every": 240,
-        },
+        replace(PRESETS["new-categories"], iterations=720, interpolate=1.0),
         new_episodes=120,
     ),
     "standard": Size(
@@ -101,7 +94,7 @@ SIZES: dict[Scale, Size] = {
         },
         {"rooms": 40, "streets": 24},
         {"rooms": 20, "streets": 12},
-        {"learning_rate": 6e-4, "replay_share": 0.3, "iterations": 1440},
+        replace(PRESETS["new-categories"], interpolate=1.0),
     ),
     "full": Size(
         {"rooms": (60, 12, 20), "streets": (40, 8, 16)},

@@ -37,7 +37,7 @@ def deadly(rgb):
 
 def slow(rgb):
     Path({log!r}, f"{{os.getpid()}}.slow").write_text("")
-    time.sleep(60)
+    time.sleep(60)  # is killed meanwhile; what a failed test leaves behind ends by itself
 """
 
 
@@ -82,7 +82,7 @@ def wait_for(condition, seconds: float = 60.0) -> None:
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.05)
+        time.sleep(0.05)  # other processes do what is waited for: nothing tells of it but to look again
 
 
 @pytest.mark.slow
