@@ -15,12 +15,16 @@ import numpy as np
 from jaxtyping import UInt8
 
 from labeling.core.errors import EpisodeFormatError, UsageError
+from labeling.core.rle import rle_area
 from labeling.formats.checked_json import read_json
 from labeling.io.coco import CategoryTable, image_of, is_ignored, read_rle, read_score, read_size
 from labeling.io.file_names import ABOUT_FILE, MODAL_FILE, TRUTH_FILE
 from labeling.io.label_set import read_label_set
 
 ANNOTATIONS_FILE, PICTURES_FOLDER = "annotations.json", "images"
+SLIVER_AREA_SHARE = 32 / 256**2
+"""Labels that show less than this share of the picture are regions to ignore. In ground truth of simulated scenes
+objects are of which less shows."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +86,7 @@ def read_pictures(path: Path, part: str = "train", dataset: Path | None = None) 
     if not path.is_dir():
         raise UsageError(f"{path}: no such folder; give a label set, episodes with ground truth, or a COCO folder")
     if (path / MODAL_FILE).is_file():
-        return read_coco(path / MODAL_FILE, read_label_set(path).find_dataset(dataset))
+        return _without_slivers(read_coco(path / MODAL_FILE, read_label_set(path).find_dataset(dataset)))
     if is_split(path):
         path = path / part
     if (path / ANNOTATIONS_FILE).is_file():
@@ -129,6 +133,16 @@ def read_coco(file: Path, folder: Path) -> list[AnnotatedPicture]:
         rle, score = read_rle(record, "segmentation", size), read_score(record, 1.0)
         found[record.integer("image_id")].append(Annotation(table.name(record), rle, score, is_ignored(record)))
     return [replace(picture, annotations=tuple(found[number])) for number, picture in pictures.items()]
+
+
+def _without_slivers(pictures: list[AnnotatedPicture]) -> list[AnnotatedPicture]:
+    """What shows too little to be annotated, and is right as often as not, becomes a region to ignore."""
+
+    def change(one: Annotation) -> Annotation:
+        height, width = one.rle["size"]
+        return replace(one, ignore=True) if rle_area(one.rle) < SLIVER_AREA_SHARE * height * width else one
+
+    return with_annotations(pictures, change)
 
 
 def _read_episode(folder: Path) -> list[AnnotatedPicture]:

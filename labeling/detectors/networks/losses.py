@@ -2,8 +2,9 @@
 
 A target is torchvision's (``boxes`` (n, 4) xyxy in pixels, ``labels`` (n,), ``masks`` (n, h, w)) plus
 
-- ``weights`` (n,) in [0, 1], the confidence of each label: the losses of positives count by the weight of the object
-  that they match;
+- ``weights`` (n,) in [0, 1], the confidence of each label: what matches an object of weight w counts as w of the object
+  and 1 - w of background, so that what labels are unsure of is found with as little confidence. The losses of boxes and
+  masks of positives count by it;
 - ``ignored`` (k, 4), boxes of regions of which nothing is known: anchors and proposals that lie mostly in one and match
   no object are neither positive nor negative;
 - ``unannotated`` (c,), labels of categories that nobody would have annotated in the picture: what matches no object is
@@ -76,7 +77,7 @@ class WeightedProposals(_FromTorchvision, torchvision.models.detection.rpn.Regio
     def compute_loss(
         self, objectness: Tensor, pred_bbox_deltas: Tensor, labels: list[Tensor], regression_targets: list[Tensor]
     ) -> tuple[Tensor, Tensor]:
-        """Losses of objectness and boxes, positives by weight."""
+        """Losses of objectness and boxes; a positive's weight is the objectness that it should have."""
         positives, negatives = self.fg_bg_sampler(labels)
         positive = torch.where(torch.cat(positives))[0]
         sampled = torch.cat([positive, torch.where(torch.cat(negatives))[0]])
@@ -86,9 +87,9 @@ class WeightedProposals(_FromTorchvision, torchvision.models.detection.rpn.Regio
             pred_bbox_deltas[positive], torch.cat(regression_targets)[positive], beta=_BETA, reduction="none"
         )
         objectness_loss = functional.binary_cross_entropy_with_logits(
-            objectness.flatten()[sampled], label[sampled], reduction="none"
+            objectness.flatten()[sampled], (label * weight)[sampled], reduction="sum"
         )
-        return (weight[sampled] * objectness_loss).sum() / number, (weight[positive, None] * box_loss).sum() / number
+        return objectness_loss / number, (weight[positive, None] * box_loss).sum() / number
 
 
 class WeightedHeads(_FromTorchvision, torchvision.models.detection.roi_heads.RoIHeads):
@@ -173,21 +174,21 @@ def box_losses(
         box_regression: (n, 4 * classes).
         label: (n,), 0 for background.
         regression_targets: (n, 4).
-        weight: (n,).
+        weight: (n,), of positives.
         unannotated: (n, classes): what background may be besides.
     """
     number = max(1, len(label))
-    classifier = functional.cross_entropy(class_logits, label, reduction="none")
-    if unannotated.any():
-        allowed = unannotated.clone()
-        allowed[:, 0] = True
-        background = -class_logits.log_softmax(dim=1).masked_fill(~allowed, -torch.inf).logsumexp(dim=1)
-        classifier = torch.where(label == 0, background, classifier)
+    allowed = unannotated.clone()
+    allowed[:, 0] = True
+    log_probability = class_logits.log_softmax(dim=1)
+    of_background = -log_probability.masked_fill(~allowed, -torch.inf).logsumexp(dim=1)
+    of_object = functional.nll_loss(log_probability, label, reduction="none")
+    classifier = torch.where(label == 0, of_background, weight * of_object + (1 - weight) * of_background)
     positive = torch.where(label > 0)[0]
     regression = box_regression.reshape(len(label), box_regression.shape[1] // 4, 4)[positive, label[positive]]
     box = functional.smooth_l1_loss(regression, regression_targets[positive], beta=_BETA, reduction="none")
     return {
-        "loss_classifier": (weight * classifier).sum() / number,
+        "loss_classifier": classifier.sum() / number,
         "loss_box_reg": (weight[positive, None] * box).sum() / number,
     }
 

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -78,6 +79,39 @@ def test_labels_of_no_weight_leave_only_the_background_to_learn(stage):
     assert found["loss_classifier"] > 0
 
 
+@pytest.mark.parametrize("weight", [0.0, 0.3, 0.8, 1.0])
+def test_a_label_is_best_found_with_its_weight_as_confidence(weight):
+    confidence = torch.linspace(0.001, 0.999, 999)
+    logits = torch.stack([(1 - confidence).log(), confidence.log(), torch.full_like(confidence, -50.0)], dim=1)
+    certain = torch.zeros(1, 3, dtype=torch.bool)
+    found = [
+        float(
+            box_losses(
+                one[None], torch.zeros(1, 12), torch.tensor([1]), torch.zeros(1, 4), torch.tensor([weight]), certain
+            )["loss_classifier"]
+        )
+        for one in logits
+    ]
+    assert float(confidence[int(np.argmin(found))]) == pytest.approx(weight, abs=0.0015)
+
+
+def test_anchors_of_a_doubtful_label_are_best_objects_with_its_weight(stage):
+    _, (rpn, _), features, images = stage
+    targets = [target((0.3, 0.3)), target((0.3, 0.3))]
+    anchors = rpn.anchor_generator(images, list(features.values()))
+    labels, _ = rpn.assign_targets_to_anchors(anchors, targets)
+    label = torch.cat(labels)
+    nowhere = [torch.zeros(len(one), 4) for one in labels]
+
+    def at(confidence):
+        logit = torch.where(label > 0, torch.logit(torch.tensor(confidence)), torch.tensor(-20.0))
+        torch.manual_seed(5)
+        return float(rpn.compute_loss(logit, torch.cat(nowhere), labels, nowhere)[0])
+
+    confidences = np.arange(0.05, 1.0, 0.05)
+    assert confidences[np.argmin([at(float(one)) for one in confidences])] == pytest.approx(0.3)
+
+
 def test_where_everything_is_ignored_nothing_is_learnt(stage):
     _, ours, features, images = stage
     nothing = target(boxes=(), regions=((-500, -500, 700, 700),))
@@ -112,7 +146,8 @@ def test_background_that_may_be_something_unnamed_shares_its_probability_with_it
     unannotated = torch.tensor([[False, False, True], [False, False, True], [False, False, False]])
     found = box_losses(logits, torch.zeros(3, 12), label, torch.zeros(3, 4), weight, unannotated)["loss_classifier"]
     share = logits.exp() / logits.exp().sum(dim=1, keepdim=True)
-    expected = -(share[0, 0] + share[0, 2]).log() - 0.5 * share[1, 1].log() - share[2, 0].log()
+    unnamed = -(share[0, 0] + share[0, 2]).log()  # of the second box, too, as far as its label is doubted
+    expected = unnamed + 0.5 * unnamed - 0.5 * share[1, 1].log() - share[2, 0].log()
     assert float(found) == pytest.approx(float(expected / 3), rel=1e-6)
 
 
