@@ -40,13 +40,15 @@ class Size:
     """How detectors are fine-tuned where they learn categories that no photograph has shown; None as else."""
     new_episodes: int | None = None
     """Episodes to learn such categories from; None as many as else."""
+    chooses: bool = True
+    """Whether the network is kept that does best on what is made of the episodes to choose by, or else the last."""
     command: FinetuneConfig = COMMAND
     """How detectors are fine-tuned in tables of what ``labeling.finetune`` does without options."""
 
     def as_command(self) -> "Size":
         """The same episodes, and fine-tuning as ``labeling.finetune`` does it without options."""
         augment, held_out = dict.fromkeys(WORLDS, AugmentConfig()), self.photographs[1]
-        return replace(self, train=self.command, augment=augment, photographs=(0, held_out))
+        return replace(self, train=self.command, augment=augment, photographs=(0, held_out), chooses=False)
 
     def train_new(self) -> FinetuneConfig:
         """Settings of training with such categories."""
@@ -87,7 +89,7 @@ SIZES: dict[Scale, Size] = {
     "standard": Size(
         {"rooms": (120, 12, 20), "streets": (60, 8, 16)},
         (1200, 600),
-        FinetuneConfig(interpolate=1.0),
+        FinetuneConfig(iterations=1440, interpolate=1.0),
         {
             "rooms": AugmentConfig(short_side_px=(160, 224), scale=(0.7, 1.1)),
             "streets": STREET_WINDOWS,
@@ -95,6 +97,8 @@ SIZES: dict[Scale, Size] = {
         {"rooms": 40, "streets": 24},
         {"rooms": 20, "streets": 12},
         replace(PRESETS["new-categories"], interpolate=1.0),
+        # On dev towns labels of few towns choose worse networks than the last.
+        chooses=False,
     ),
     "full": Size(
         {"rooms": (60, 12, 20), "streets": (40, 8, 16)},

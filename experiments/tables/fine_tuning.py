@@ -10,7 +10,7 @@ from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
 from experiments.cache.worlds import DETECTOR, SIZES
 from experiments.tables.label_errors import count_errors, file_in_dataset, objects_of, of_ignored
-from experiments.tables.training_sets import TRUTH, Subset, TrainingSets
+from experiments.tables.training_sets import TRUTH, TrainingSets
 from labeling.detectors.finetuning.config import FinetuneConfig
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ have half of each."""
 INTERPOLATED = {LABELS: "shared, no photographs, interpolated", TRUTH: "truth, no photographs, interpolated"}
 """The same, where the network that is kept lies between the one before and the one that is learnt, as by default in
 ``labeling.finetune``."""
-SUBSETS: tuple[Subset, ...] = ("learn", "choose", "dev")
 
 
 @experiment(
@@ -69,7 +68,7 @@ def cost_of_errors(world: str, context: RunContext) -> dict[str, Any]:
         "world": world,
         "detector": DETECTOR,
         "settings": SIZES[context.scale].settings(world),
-        "pools": {subset: sets.pool_record(subset) for subset in SUBSETS},
+        "pools": {subset: sets.pool_record(subset) for subset in (*sets.learnt_from, "dev")},
         "labels": [
             {"seed": seed, **count_errors(sets.training_pictures("learn", LABELS, seed), sets.pictures("learn"))}
             for seed in context.seeds
@@ -84,7 +83,7 @@ def mended_job(sets: TrainingSets, teacher: str, seed: int) -> "TrainJob":
         return sets.train_job(teacher, seed)
     job = sets.train_job(LABELS, seed)
     learn = mended(job.learn, sets.pictures("learn"), teacher == TRUE_MASKS)
-    choose = mended(job.choose, sets.pictures("choose"), teacher == TRUE_MASKS)
+    choose = mended(job.choose, sets.pictures("choose"), teacher == TRUE_MASKS) if job.choose else []
     return replace(job, learn=learn, choose=choose, title=f"labels {teacher} in {sets.world}")
 
 

@@ -12,15 +12,12 @@ from experiments.cache.stages import RunContext
 from experiments.cache.worlds import DETECTOR, SIZES, WORLDS
 from experiments.tables.label_errors import count_errors
 from experiments.tables.policy_evaluation import available_policies, training_of
-from experiments.tables.training_sets import TRUTH, Subset, TrainingSets
+from experiments.tables.training_sets import TRUTH, TrainingSets
 
 POLICIES = ("ring", "next_best_view", "ppo", "ppo_evidence")
 """Differences are to the first. The last two come with the project, where they do."""
 TEACHERS = {"labels": "shared", "truth": TRUTH}
 """What is learnt from, as training sets name it; labels: what any episode of a scene has found is labelled in all."""
-
-
-SUBSETS: tuple[Subset, ...] = ("learn", "choose")
 
 
 ABOUT = "compact fine-tuned on the labels of each policy's views of training {}, tested on unseen endless ones"
@@ -66,7 +63,7 @@ def _one_world(world: str, context: RunContext) -> dict[str, Any]:
     sets, pools, labels, runs = TrainingSets(world, context), {}, [], []
     for (policy, seed), seen_by in views.items():
         about = {"policy": policy, "seed": seed, "moved_by": moved[policy, seed]}
-        pools |= {f"{policy}_{seed}_{subset}": seen_by.pool_record(subset) for subset in SUBSETS}
+        pools |= {f"{policy}_{seed}_{subset}": seen_by.pool_record(subset) for subset in seen_by.learnt_from}
         for name, teacher in TEACHERS.items():
             job = seen_by.train_job(teacher, seed)
             runs.append(({**about, "teacher": name}, job))

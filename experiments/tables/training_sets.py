@@ -138,6 +138,11 @@ class TrainingSets:
         self._size = size.as_command() if as_command else size
         self._label_sets: dict[tuple[Subset, str, int, str | None], Path] = {}
 
+    @property
+    def learnt_from(self) -> tuple[Subset, ...]:
+        """Subsets that training sees."""
+        return ("learn", "choose") if self._size.chooses else ("learn",)
+
     def episodes(self, subset: Subset) -> list[Path]:
         """Folders of recorded episodes."""
         from experiments.cache.episode_pool import record
@@ -214,7 +219,7 @@ class TrainingSets:
         return TrainJob(
             DETECTOR,
             self.training_pictures("learn", teacher, seed),
-            self.training_pictures("choose", teacher, seed),
+            self.training_pictures("choose", teacher, seed) if "choose" in self.learnt_from else [],
             self.photographs()[0],
             self._size.train_new() if new_categories else self._size.train,
             self._size.augment[self.world],

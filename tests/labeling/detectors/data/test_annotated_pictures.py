@@ -16,6 +16,7 @@ from PIL import Image
 from labeling.core.errors import EpisodeFormatError, UsageError
 from labeling.core.rle import decode_mask, encode_mask
 from labeling.detectors.data.annotated_pictures import (
+    SLIVER_AREA_SHARE,
     AnnotatedPicture,
     Annotation,
     category_names,
@@ -75,6 +76,26 @@ def test_a_label_set_gives_labels_weighed_by_their_scores(scene):
     assert len(pictures) == 2
     assert {one.category: one.weight for one in pictures[0].annotations} == {"chair": 0.4, "plant": 0.8}
     np.testing.assert_array_equal(pictures[1].rgb(), scene.episodes["one"].rgb[1])
+
+
+def test_labels_that_show_too_little_are_regions_to_ignore_and_ground_truth_is_taken_as_it_is(scene):
+    scene.add_episode("one")
+    height, width = scene.episodes["one"].rgb.shape[1:3]
+    least = int(np.ceil(SLIVER_AREA_SHARE * height * width))
+
+    def first(pixels):
+        mask = np.zeros(height * width, bool)
+        mask[:pixels] = True
+        return mask.reshape(height, width)
+
+    for pixels, ignored in ((least - 1, True), (least, False)):
+        scene.write_labels(lambda truth, some=pixels: (truth.category, 0.8, first(some)))
+        found = [one for picture in read_pictures(scene.labels) for one in picture.annotations]
+        assert found
+        assert {one.ignore for one in found} == {ignored}
+    small = replace(scene.episodes["one"].ground_truth[0], modal=first(1), amodal=first(1))
+    scene.add_episode("one", ground_truth=(small,))
+    assert [one.ignore for picture in read_pictures(scene.dataset) for one in picture.annotations] == [False]
 
 
 def test_episodes_give_their_ground_truth(scene):
