@@ -25,8 +25,8 @@ class Size:
     """How many episodes and photographs a scale has, and how its detectors are fine-tuned."""
 
     episodes: dict[str, tuple[int, int, int]]
-    """By world: episodes to learn from, to choose the best network by (both of training scenes), and to report on (of
-    validation scenes)."""
+    """By world: episodes to learn from, to choose settings of 3-D detectors by (both of training scenes), and to report
+    on (of validation scenes)."""
     photographs: tuple[int, int]
     """To replay, and held out to measure forgetting on."""
     train: FinetuneConfig
@@ -40,15 +40,13 @@ class Size:
     """How detectors are fine-tuned where they learn categories that no photograph has shown; None as else."""
     new_episodes: int | None = None
     """Episodes to learn such categories from; None as many as else."""
-    chooses: bool = True
-    """Whether the network is kept that does best on what is made of the episodes to choose by, or else the last."""
     command: FinetuneConfig = COMMAND
     """How detectors are fine-tuned in tables of what ``labeling.finetune`` does without options."""
 
     def as_command(self) -> "Size":
         """The same episodes, and fine-tuning as ``labeling.finetune`` does it without options."""
         augment, held_out = dict.fromkeys(WORLDS, AugmentConfig()), self.photographs[1]
-        return replace(self, train=self.command, augment=augment, photographs=(0, held_out), chooses=False)
+        return replace(self, train=self.command, augment=augment, photographs=(0, held_out))
 
     def train_new(self) -> FinetuneConfig:
         """Settings of training with such categories."""
@@ -97,8 +95,6 @@ SIZES: dict[Scale, Size] = {
         {"rooms": 40, "streets": 24},
         {"rooms": 20, "streets": 12},
         replace(PRESETS["new-categories"], interpolate=1.0),
-        # On dev towns labels of few towns choose worse networks than the last.
-        chooses=False,
     ),
     "full": Size(
         {"rooms": (60, 12, 20), "streets": (40, 8, 16)},

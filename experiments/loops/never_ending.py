@@ -65,11 +65,10 @@ class SelfTrainingLoop:
     def record(self, context: RunContext) -> dict[str, Any]:
         """What the record of results says about all seeds alike."""
         sets = TrainingSets(self.places.world, context)
-        learn, choose = SIZES[context.scale].episodes[self.places.world]
         return {
             "world": self.places.world,
             "policy": POLICY,
-            "size": {"rounds": num_rounds(context), "learn": learn, "choose": choose},
+            "size": {"rounds": num_rounds(context), "learn": SIZES[context.scale].episodes[self.places.world]},
             "settings": sets.settings(),
             "split": self.places.split,
             "episodes_per_scene": self.places.episodes_per_scene,

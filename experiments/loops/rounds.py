@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 Split = Literal["train", "endless"]
 POLICY = "ppo"
 """Who moves: the trained policy that comes with the project."""
-PURPOSES = ("learn", "choose")
-"""What the episodes of a round are there for: to learn from, and to choose the best network by."""
 FIRST_POOL_SEED = 1000
 """Seeds of the episodes of rounds count up from here, apart from those of all other experiments."""
 LABELS, TRUTH = "labels", "truth"
@@ -36,15 +34,15 @@ class LoopSize:
     """How much of everything a scale has."""
 
     rounds: int
-    episodes: dict[str, tuple[int, int]]
-    """By world: episodes of a round to learn from, and to choose the best network by."""
+    episodes: dict[str, int]
+    """By world: episodes of a round."""
 
 
 SIZES: dict[Scale, LoopSize] = {
-    "smoke": LoopSize(2, {"rooms": (1, 1), "streets": (1, 1)}),
-    "quick": LoopSize(10, {"rooms": (12, 2), "streets": (8, 1)}),
-    "standard": LoopSize(15, {"rooms": (20, 4), "streets": (12, 2)}),
-    "full": LoopSize(10, {"rooms": (40, 8), "streets": (30, 5)}),
+    "smoke": LoopSize(2, {"rooms": 2, "streets": 2}),
+    "quick": LoopSize(10, {"rooms": 12, "streets": 8}),
+    "standard": LoopSize(15, {"rooms": 20, "streets": 12}),
+    "full": LoopSize(10, {"rooms": 40, "streets": 30}),
 }
 
 
@@ -109,7 +107,7 @@ class SeedRounds:
         self._episodes.update(new)
         self._scenes.update({name: _scene(folder) for name, folder in new.items()})
         labels = self._label(new)
-        taught, true = (self.views(teacher, "learn", new) for teacher in (LABELS, TRUTH))
+        taught, true = (self.views(teacher, new) for teacher in (LABELS, TRUTH))
         self._signs.append(label_statistics(taught))
         self.records.append(
             {
@@ -134,16 +132,15 @@ class SeedRounds:
         self.trained.append(detector)
         self.records[-1][SCORES[teacher]] = scores
 
-    def views(self, teacher: str, purpose: str, episodes: Iterable[str] | None = None) -> "list[AnnotatedPicture]":
+    def views(self, teacher: str, episodes: Iterable[str] | None = None) -> "list[AnnotatedPicture]":
         """Annotated views.
 
         Args:
             teacher: whose annotations.
-            purpose: one of ``PURPOSES``.
             episodes: names; None takes all so far.
         """
         names = self._episodes if episodes is None else episodes
-        return [view for name in names if f"-{purpose}-" in name for view in self._views[teacher][name]]
+        return [view for name in names for view in self._views[teacher][name]]
 
     def train_job(self, teacher: str) -> "TrainJob":
         """The fine-tuning that goes on with the network of the round before, on the views of all rounds so far."""
@@ -153,7 +150,7 @@ class SeedRounds:
         """The fine-tuning of the pre-trained network, in as many batches as all rounds so far have together.
 
         Args:
-            episodes: names of those to learn from and to choose by; None takes all so far.
+            episodes: names of those to learn from; None takes all so far.
             title: for the records.
             teacher: one of ``SCORES``.
         """
@@ -167,25 +164,23 @@ class SeedRounds:
         from experiments.cache.detector_stages import TrainJob
 
         size = TRAIN_SIZES[self._context.scale]
-        learn, choose = (self.views(teacher, purpose, episodes) for purpose in PURPOSES)
+        learn = self.views(teacher, episodes)
         replay, augment = self._sets.photographs()[0], size.augment[self._places.world]
         train = replace(size.train, iterations=rounds * size.train.iterations)
-        return TrainJob(detector, learn, choose, replay, train, augment, self.seed, title)
+        return TrainJob(detector, learn, [], replay, train, augment, self.seed, title)
 
     def _record(self, number: int) -> dict[str, Path]:
         """The episodes of a round, by names that tell them from those of all others."""
         from experiments.cache.episode_pool import EpisodePool, record
 
-        world, found = self._places.world, {}
-        for place, (purpose, count) in enumerate(
-            zip(PURPOSES, SIZES[self._context.scale].episodes[world], strict=True)
-        ):
-            name, seed = f"{world}_round_{purpose}", FIRST_POOL_SEED + 1000 * self.seed + 2 * number + place
-            guided = (self._detectors[LABELS], POLICY, self._places.episodes_per_scene)
-            pool = EpisodePool(name, WORLDS[world], self._places.split, count, seed, *guided)
-            for folder in record(pool, self._context):
-                found[f"{number:02d}-{purpose}-{digest(folder.parent.name)[:8]}-{folder.name}"] = folder
-        return found
+        world, seed = self._places.world, FIRST_POOL_SEED + 1000 * self.seed + number
+        guided = (self._detectors[LABELS], POLICY, self._places.episodes_per_scene)
+        count = SIZES[self._context.scale].episodes[world]
+        pool = EpisodePool(f"{world}_round", WORLDS[world], self._places.split, count, seed, *guided)
+        return {
+            f"{number:02d}-{digest(folder.parent.name)[:8]}-{folder.name}": folder
+            for folder in record(pool, self._context)
+        }
 
     def _label(self, new: Iterable[str]) -> Path:
         """Labels what a round has recorded, and anew what earlier ones have in the same scenes; returns the label set.

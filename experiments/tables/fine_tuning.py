@@ -68,7 +68,7 @@ def cost_of_errors(world: str, context: RunContext) -> dict[str, Any]:
         "world": world,
         "detector": DETECTOR,
         "settings": SIZES[context.scale].settings(world),
-        "pools": {subset: sets.pool_record(subset) for subset in (*sets.learnt_from, "dev")},
+        "pools": {subset: sets.pool_record(subset) for subset in ("learn", "dev")},
         "labels": [
             {"seed": seed, **count_errors(sets.training_pictures("learn", LABELS, seed), sets.pictures("learn"))}
             for seed in context.seeds
@@ -78,13 +78,12 @@ def cost_of_errors(world: str, context: RunContext) -> dict[str, Any]:
 
 
 def mended_job(sets: TrainingSets, teacher: str, seed: int) -> "TrainJob":
-    """The fine-tuning on one of ``TEACHERS``; a network is chosen by what is mended in the same way."""
+    """The fine-tuning on one of ``TEACHERS``."""
     if teacher in (LABELS, TRUTH):
         return sets.train_job(teacher, seed)
     job = sets.train_job(LABELS, seed)
     learn = mended(job.learn, sets.pictures("learn"), teacher == TRUE_MASKS)
-    choose = mended(job.choose, sets.pictures("choose"), teacher == TRUE_MASKS) if job.choose else []
-    return replace(job, learn=learn, choose=choose, title=f"labels {teacher} in {sets.world}")
+    return replace(job, learn=learn, title=f"labels {teacher} in {sets.world}")
 
 
 def mended(

@@ -63,7 +63,7 @@ def _one_world(world: str, context: RunContext) -> dict[str, Any]:
     sets, pools, labels, runs = TrainingSets(world, context), {}, [], []
     for (policy, seed), seen_by in views.items():
         about = {"policy": policy, "seed": seed, "moved_by": moved[policy, seed]}
-        pools |= {f"{policy}_{seed}_{subset}": seen_by.pool_record(subset) for subset in seen_by.learnt_from}
+        pools[f"{policy}_{seed}_learn"] = seen_by.pool_record("learn")
         for name, teacher in TEACHERS.items():
             job = seen_by.train_job(teacher, seed)
             runs.append(({**about, "teacher": name}, job))

@@ -80,7 +80,7 @@ class Table:
             bar.set_postfix_str(f"seed {seed}: {row.name}")
             rows[row.name].append({"seed": seed, **self._scores(sets, row, seed, detectors[row.student(seed)])})
         rows = over_shared_categories(rows, {row.name: row.subset for row in self.rows})
-        subsets: dict[Subset, None] = dict.fromkeys(subset for row in self.rows for subset in _subsets(row, sets))
+        subsets: dict[Subset, None] = dict.fromkeys(subset for row in self.rows for subset in _subsets(row))
         return {
             "world": self.world,
             "gaps": self.gaps,
@@ -157,9 +157,9 @@ def over_shared_categories(
     return found
 
 
-def _subsets(row: Row, sets: TrainingSets) -> tuple[Subset, ...]:
+def _subsets(row: Row) -> tuple[Subset, ...]:
     scored = PARTS.get(row.subset, (row.subset,))
-    return scored if row.teacher is None else (*sets.learnt_from, *scored)
+    return scored if row.teacher is None else ("learn", *scored)
 
 
 def read_table(content: Mapping[str, Any]) -> Table:

@@ -37,8 +37,9 @@ SPLITS: dict[Subset, Split] = {
     "wide": "wide",
     "final": "final",
 }
-"""To learn from, to choose the best network by; to report on: validation scenes, some of the endless ones to decide by,
-the thesis' few test scenes, many more, and as many that nothing has been decided by. Nothing learns from the last five.
+"""To learn from, to choose settings of 3-D detectors by; to report on: validation scenes, some of the endless ones to
+decide by, the thesis' few test scenes, many more, and as many that nothing has been decided by. Nothing learns from the
+last five.
 """
 PARTS: dict[Subset, tuple[Subset, ...]] = {"pooled": ("test", "wide")}
 """Subsets whose views are those of others, ranked together."""
@@ -138,11 +139,6 @@ class TrainingSets:
         self._size = size.as_command() if as_command else size
         self._label_sets: dict[tuple[Subset, str, int, str | None], Path] = {}
 
-    @property
-    def learnt_from(self) -> tuple[Subset, ...]:
-        """Subsets that training sees."""
-        return ("learn", "choose") if self._size.chooses else ("learn",)
-
     def episodes(self, subset: Subset) -> list[Path]:
         """Folders of recorded episodes."""
         from experiments.cache.episode_pool import record
@@ -213,13 +209,17 @@ class TrainingSets:
         return [names.get(one, DETECTOR) for one in students]
 
     def train_job(self, teacher: str, seed: int, new_categories: tuple[str, ...] = ()) -> "TrainJob":
-        """The fine-tuning of a ``Student``."""
+        """The fine-tuning of a ``Student``.
+
+        The last network is kept: on dev towns labels of few scenes chose worse ones (docs/design-notes.md, "Which network
+        is kept").
+        """
         from experiments.cache.detector_stages import TrainJob
 
         return TrainJob(
             DETECTOR,
             self.training_pictures("learn", teacher, seed),
-            self.training_pictures("choose", teacher, seed) if "choose" in self.learnt_from else [],
+            [],
             self.photographs()[0],
             self._size.train_new() if new_categories else self._size.train,
             self._size.augment[self.world],

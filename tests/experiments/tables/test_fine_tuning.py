@@ -38,11 +38,9 @@ def test_the_experiment_runs_resumes_and_reports(
     pools = {pool.name: pool for pool in small_rooms if pool.name.startswith("rooms")}
     assert {name: pool.split for name, pool in pools.items()} == {
         "rooms_learn": "train",
-        "rooms_choose": "train",
         "rooms_dev": "endless",
     }
     assert {pool.detector for pool in pools.values()} == {"compact"}
-    assert pools["rooms_learn"].seed != pools["rooms_choose"].seed
     page = (tmp_path / "docs" / "fine-tuning.md").read_text()
     for category, counts in content["labels"][0]["categories"].items():
         assert "| " + " | ".join([category, *map(str, counts.values())]) + " |" in page
@@ -107,7 +105,7 @@ def test_every_policy_teaches_from_as_many_episodes_of_its_own(
     assert set(asked) == {
         (policy, f"rooms_{part}", seed)
         for policy in ("ring", "random")
-        for part, seed in (("learn", 0), ("learn", 100), ("choose", 1), ("choose", 101), ("dev", 20))
+        for part, seed in (("learn", 0), ("learn", 100), ("dev", 20))
     }
     assert all(one.keys() >= {"views of ring", "views of random"} for one in (room["before"], *room["runs"]))
     assert asked["ring", "rooms_learn", 100] == replace(asked["random", "rooms_learn", 100], policy="ring")
