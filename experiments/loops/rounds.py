@@ -39,7 +39,7 @@ class LoopSize:
 
 
 SIZES: dict[Scale, LoopSize] = {
-    "smoke": LoopSize(2, {"rooms": 2, "streets": 2}),
+    "smoke": LoopSize(2, {"rooms": 1, "streets": 1}),
     "quick": LoopSize(10, {"rooms": 12, "streets": 8}),
     "standard": LoopSize(15, {"rooms": 20, "streets": 12}),
     "full": LoopSize(10, {"rooms": 40, "streets": 30}),

@@ -211,8 +211,8 @@ class TrainingSets:
     def train_job(self, teacher: str, seed: int, new_categories: tuple[str, ...] = ()) -> "TrainJob":
         """The fine-tuning of a ``Student``.
 
-        The last network is kept: on dev towns labels of few scenes chose worse ones (docs/design-notes.md, "Which network
-        is kept").
+        The last network is kept: labels of few scenes may choose worse ones (docs/design-notes.md, "Which network is
+        kept").
         """
         from experiments.cache.detector_stages import TrainJob
 

@@ -78,7 +78,7 @@ def test_scenes_are_labelled_with_all_that_has_been_seen_of_them(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     if not comes_back:
-        others = iter("abcd")
+        others = iter("ab")
         monkeypatch.setattr(rounds, "_scene", lambda episode: next(others))
     learnt: list[Any] = []
 
@@ -91,7 +91,7 @@ def test_scenes_are_labelled_with_all_that_has_been_seen_of_them(
     run(tmp_path, "never_ending", 1)
     gathered = [path for path in (tmp_path / "cache" / "episodes").iterdir() if "_loop-" in path.name]
     kinds = sorted(sorted(folder.name[:2] for folder in path.iterdir()) for path in gathered)
-    first, second = ["01", "01"], ["02", "02"]
+    first, second = ["01"], ["02"]
     if comes_back:  # what the first round has seen is labelled by what the second has seen, too
         assert kinds == [first, first + second]
     else:
