@@ -33,7 +33,7 @@ from labeling.io.label_set import read_label_set
 from labeling.training import loop as training_loop
 from labeling.training.config import CONFIG_FILE
 from sbm_gym.assets.models.classes import NOVEL_CATEGORIES
-from sbm_gym.worlds.splits import INTERIORS
+from sbm_gym.worlds.splits import INTERIORS, TOWNS, SceneNames
 
 from ...labeling.synthetic_room import make_episode
 
@@ -95,20 +95,21 @@ def test_some_tables_fine_tune_as_the_command_does_without_options(
     assert sets[0].photographs()[1], "forgetting is measured"
 
 
+@pytest.mark.parametrize(("world", "scenes"), [("rooms", INTERIORS), ("streets", TOWNS)])
 @pytest.mark.parametrize("each", [1, 3])
 @pytest.mark.parametrize("scale", SIZES)
-def test_a_table_may_learn_in_homes_of_the_endless_split_none_of_which_it_is_told_in(
-    scale: Scale, each: int, tmp_path: Path
+def test_a_table_may_learn_in_scenes_of_the_endless_split_none_of_which_it_is_told_in(
+    scale: Scale, each: int, world: str, scenes: SceneNames, tmp_path: Path
 ) -> None:
     assert {name: table.endless for name, table in TABLES.items() if table.endless} == {
         "table_a_3_homes": 1,
         "table_5_1_towns": 4,
     }
-    sets = TrainingSets("rooms", RunContext(scale, (0,), 1, tmp_path), new_categories=True, endless=each)
+    sets = TrainingSets(world, RunContext(scale, (0,), 1, tmp_path), new_categories=True, endless=each)
     pools = {subset: sets.pool(subset) for subset in SPLITS}
     assert {subset for subset, pool in pools.items() if pool.split == "endless"} == {"learn", "choose", "dev"}
     assert {subset for subset, pool in pools.items() if pool.episodes_per_scene == each} >= {"learn", "choose"}
-    endless, begun = INTERIORS.of_split("endless"), {}
+    endless, begun = scenes.of_split("endless"), {}
     for subset in ("learn", "choose", "dev"):
         pool = pools[subset]
         order = np.random.default_rng([pool.seed, 0]).permutation(len(endless))
