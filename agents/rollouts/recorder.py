@@ -20,12 +20,13 @@ from labeling.cluster.jobs import map_jobs
 from labeling.core.episode import Episode
 from labeling.core.errors import EpisodeFormatError, SbmError, UsageError
 from labeling.core.types import CONFIDENT
+from labeling.io.coco import SLIVER_AREA_SHARE
 from labeling.io.episodes import read_episode, write_episode
 from labeling.runtime.process_pool import PerProcess
 from labeling.runtime.provenance import simulation_provenance
 from labeling.runtime.ranges import check_ranges
 from labeling.runtime.run_folder import as_options, claim_run_folder
-from sbm_gym.env.recording import SLIVER_AREA_SHARE, Capture, episode_of_captures
+from sbm_gym.env.recording import Capture, episode_of_captures
 from sbm_gym.env.view_detectors import digest_of_detector
 from sbm_gym.named_env import make_env
 from sbm_gym.sensors.sensor_noise import add_noise

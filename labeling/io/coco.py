@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+SLIVER_AREA_SHARE = 32 / 256**2
+"""What shows less than this share of the picture nobody would annotate: ground truth of simulated scenes marks it
+``ignore``, and labels of it are learnt as regions to ignore."""
+
 
 @dataclass(frozen=True)
 class CategoryTable:

@@ -9,13 +9,13 @@ from jaxtyping import Float, Float32, UInt8
 
 from labeling.core.episode import Episode
 from labeling.core.types import Detection, GroundTruth, ObjectMotion
+from labeling.io.coco import SLIVER_AREA_SHARE
 from sbm_gym.env.view_detectors import View
 from sbm_gym.scenes.compiled import Scene
 
-SLIVER_AREA_SHARE = 32 / 256**2
-"""Objects of which a view shows less than this share of the picture are marked ``ignore``."""
 SLIVER_VISIBLE_SHARE = 0.05
-"""... and objects of which it shows less than this share of what it would show if nothing stood before them."""
+"""Objects of which a view shows less than this share of what it would show if nothing stood before them are marked
+``ignore``, and so are those of which it shows less than ``SLIVER_AREA_SHARE`` of the picture."""
 
 
 @dataclass(frozen=True)

@@ -17,14 +17,11 @@ from jaxtyping import UInt8
 from labeling.core.errors import EpisodeFormatError, UsageError
 from labeling.core.rle import rle_area
 from labeling.formats.checked_json import read_json
-from labeling.io.coco import CategoryTable, image_of, is_ignored, read_rle, read_score, read_size
+from labeling.io.coco import SLIVER_AREA_SHARE, CategoryTable, image_of, is_ignored, read_rle, read_score, read_size
 from labeling.io.file_names import ABOUT_FILE, MODAL_FILE, TRUTH_FILE
 from labeling.io.label_set import read_label_set
 
 ANNOTATIONS_FILE, PICTURES_FOLDER = "annotations.json", "images"
-SLIVER_AREA_SHARE = 32 / 256**2
-"""Labels that show less than this share of the picture are regions to ignore. In ground truth of simulated scenes
-objects are of which less shows."""
 
 
 @dataclass(frozen=True)

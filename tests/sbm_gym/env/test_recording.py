@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from labeling.core.geometry import intrinsics_from_fov, unproject
+from labeling.io.coco import SLIVER_AREA_SHARE
 from sbm_gym.env.fixation_env import FixationEnv
-from sbm_gym.env.recording import SLIVER_AREA_SHARE, SLIVER_VISIBLE_SHARE, episode_of_captures
+from sbm_gym.env.recording import SLIVER_VISIBLE_SHARE, episode_of_captures
 
 from ..box_rooms import BoxRooms
 

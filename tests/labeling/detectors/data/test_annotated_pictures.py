@@ -16,7 +16,6 @@ from PIL import Image
 from labeling.core.errors import EpisodeFormatError, UsageError
 from labeling.core.rle import decode_mask, encode_mask
 from labeling.detectors.data.annotated_pictures import (
-    SLIVER_AREA_SHARE,
     AnnotatedPicture,
     Annotation,
     category_names,
@@ -28,6 +27,7 @@ from labeling.detectors.data.augment import Sample, augment
 from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.finetuning.dataset import ReplayDataset, collate, load_sample, repeats_of, to_target
+from labeling.io.coco import SLIVER_AREA_SHARE
 from labeling.io.recordings.pictures import read_colour
 from labeling.training.checkpoint import Progress
 from labeling.training.loop import TrainingTask
