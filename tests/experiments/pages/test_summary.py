@@ -42,8 +42,8 @@ def test_shares_stand_beside_the_thesis_the_release_before_and_the_goal() -> Non
     assert cells(text, "streets: one test town")[2] == NOT_RUN
 
 
-def test_a_row_may_be_of_another_gap_than_that_of_shared_labels() -> None:
-    (row,) = (one for one in ROWS if "gap" in one)
+@pytest.mark.parametrize("row", [one for one in ROWS if "gap" in one], ids=lambda row: row["what"])
+def test_a_row_may_be_of_another_gap_than_that_of_shared_labels(row: dict[str, Any]) -> None:
     content = detectors((0.4, 0.5, 0.6), (0.5, 0.59, 0.6))
     for run, name in zip(content["rows"], row["gap"], strict=True):
         run["name"] = name
