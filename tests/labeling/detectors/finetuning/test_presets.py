@@ -9,8 +9,10 @@ from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.finetuning.presets import PRESETS
 
 
-def test_defaults_are_those_of_the_tables_but_for_interpolation() -> None:
-    assert FinetuneConfig() == PRESETS["default"] == replace(SIZES["standard"].train, interpolate=0.7)
+def test_defaults_are_those_of_the_tables_but_for_interpolation_and_length() -> None:
+    of_tables = SIZES["standard"].train
+    assert FinetuneConfig() == PRESETS["default"] == replace(of_tables, interpolate=0.7, iterations=720)
+    assert of_tables.iterations == 2 * FinetuneConfig().iterations
     assert PRESETS["paper"] == SIZES["full"].train
     assert PRESETS["new-categories"] == replace(SIZES["standard"].train_new(), interpolate=0.7)
 
