@@ -32,7 +32,8 @@ class SampledEvidence(Ppo):
         super().__init__(checkpoint, sampled=True)
 
 
-POLICIES = ("ring", "next_best_view", f"{__name__}:{SampledEvidence.__name__}")
+SAMPLED = f"{__name__}:{SampledEvidence.__name__}"
+POLICIES = ("ring", "next_best_view", SAMPLED)
 """The first is what the others are compared with."""
 SIZES: dict[Scale, tuple[int, int]] = {"smoke": (1, 2), "quick": (10, 32), "standard": (20, 64), "full": (40, 200)}
 """Starts, in as many homes, and draws from each."""
@@ -61,9 +62,9 @@ def run(context: RunContext) -> dict[str, Any]:
 
     starts, draws = SIZES[context.scale]
     # The name of a class says nothing of the weights that it reads.
-    weights = [policy_key("ppo_evidence", WORLDS[WORLD]), code_digest(SampledEvidence)]
+    read = [policy_key("ppo_evidence", WORLDS[WORLD]), code_digest(SampledEvidence)] if SAMPLED in POLICIES else []
     own = replace(context, seeds=(0,))  # draws take the place of seeds
-    config = evaluate_config("policy_bound", WORLDS[WORLD], POLICIES, starts, DETECTOR, own, labels=True, more=weights)
+    config = evaluate_config("policy_bound", WORLDS[WORLD], POLICIES, starts, DETECTOR, own, labels=True, more=read)
     config = replace(config, draws=draws)
     evaluate_policies(config)
     evaluator = Evaluator(config)
