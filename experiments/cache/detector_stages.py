@@ -69,13 +69,11 @@ def score_labels(labels: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class TrainJob:
-    """A fine-tuning."""
+    """A fine-tuning, of which the last network is kept."""
 
     detector: str
     """Whose network it starts from."""
     learn: Sequence[AnnotatedPicture]
-    choose: Sequence[AnnotatedPicture]
-    """The network that does best on these is kept."""
     replay: Sequence[AnnotatedPicture]
     """Source photographs to mix in."""
     train: FinetuneConfig
@@ -104,14 +102,14 @@ def train_detectors(jobs: Sequence[TrainJob], context: RunContext) -> list[str]:
     weights = {name: load_named_network(name)[1] for name in {job.detector for job in jobs}}
     code, keyed = code_digest(_train), []
     for job in jobs:
-        inputs = [weights[job.detector], _content(job.learn), _content(job.choose), _content(job.replay)]
+        inputs = [weights[job.detector], _content(job.learn), _content(job.replay)]
         inputs += [asdict(replace(job.train, seed=job.seed)), asdict(job.augment)]
         key = digest(*inputs, list(job.new_categories), code)
         keyed.append((key, (job, context.cache / "detectors" / key)))
 
     def reads(task: tuple[TrainJob, Path]) -> list[Path]:
         job, out = task  # in which an earlier run may have left a checkpoint to go on from
-        pictures = [one.file for part in (job.learn, job.choose, job.replay) for one in part]
+        pictures = [one.file for part in (job.learn, job.replay) for one in part]
         return [*context.where.files_named(job.detector), *pictures, out]
 
     cached("detectors", _train, keyed, context, "training detectors", reads=reads, gpus=True)
@@ -135,7 +133,7 @@ def _train(task: tuple[TrainJob, Path]) -> dict[str, Any]:
     finetuning = FinetuneTask(
         network,
         job.learn,
-        job.choose,
+        [],
         replace(job.train, seed=job.seed),
         job.augment,
         job.replay,

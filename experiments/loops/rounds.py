@@ -167,7 +167,7 @@ class SeedRounds:
         learn = self.views(teacher, episodes)
         replay, augment = self._sets.photographs()[0], size.augment[self._places.world]
         train = replace(size.train, iterations=rounds * size.train.iterations)
-        return TrainJob(detector, learn, [], replay, train, augment, self.seed, title)
+        return TrainJob(detector, learn, replay, train, augment, self.seed, title)
 
     def _record(self, number: int) -> dict[str, Path]:
         """The episodes of a round, by names that tell them from those of all others."""

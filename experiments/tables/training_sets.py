@@ -219,7 +219,6 @@ class TrainingSets:
         return TrainJob(
             DETECTOR,
             self.training_pictures("learn", teacher, seed),
-            [],
             self.photographs()[0],
             self._size.train_new() if new_categories else self._size.train,
             self._size.augment[self.world],
