@@ -62,9 +62,9 @@ def run(context: RunContext) -> dict[str, Any]:
 
     starts, draws = SIZES[context.scale]
     # The name of a class says nothing of the weights that it reads.
-    read = [policy_key("ppo_evidence", WORLDS[WORLD]), code_digest(SampledEvidence)] if SAMPLED in POLICIES else []
+    sampled = [policy_key("ppo_evidence", WORLDS[WORLD]), code_digest(SampledEvidence)] if SAMPLED in POLICIES else []
     own = replace(context, seeds=(0,))  # draws take the place of seeds
-    config = evaluate_config("policy_bound", WORLDS[WORLD], POLICIES, starts, DETECTOR, own, labels=True, more=read)
+    config = evaluate_config("policy_bound", WORLDS[WORLD], POLICIES, starts, DETECTOR, own, labels=True, more=sampled)
     config = replace(config, draws=draws)
     evaluate_policies(config)
     evaluator = Evaluator(config)
