@@ -10,7 +10,7 @@ from experiments.pages.markdown import mean_std, plural, read_result, table
 from experiments.pages.origin import origins
 from labeling.core.errors import SbmError
 
-WORLDS = {"table_5_3_final": "unseen homes", "table_5_1_towns": "unseen towns"}
+WORLDS = {"table_5_3_final": "unseen homes", "table_5_1_final": "unseen towns"}
 """Experiment -> what its column is called. These homes and towns are set aside for the end."""
 ROWS = {
     "pre-trained": "before",

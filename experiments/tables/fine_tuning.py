@@ -28,6 +28,10 @@ INTERPOLATED = {LABELS: "shared, no photographs, interpolated", TRUTH: "truth, n
 """The same, where the network that is kept lies between the one before and the one that is learnt, as by default in
 ``labeling.finetune``."""
 
+ENDLESS = {"rooms": 0, "streets": 4}
+"""By world, how many episodes of each endless scene are learnt from, as in tables 5.3 and 5.1 on scenes set aside; 0:
+several of each training scene."""
+
 
 @experiment(
     "fine_tuning",
@@ -56,7 +60,7 @@ def cost_of_errors(world: str, context: RunContext) -> dict[str, Any]:
         The episodes, how many labels are false and how many objects have none, the detector before, and every run by
         teacher and seed.
     """
-    sets = TrainingSets(world, context)
+    sets = TrainingSets(world, context, endless=ENDLESS[world])
     jobs = {(teacher, seed): mended_job(sets, teacher, seed) for teacher in TEACHERS for seed in context.seeds}
     for names, share in ((ALONE, 1.0), (INTERPOLATED, FinetuneConfig.interpolate)):
         for teacher, name in names.items():
