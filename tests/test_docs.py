@@ -15,8 +15,33 @@ from .imports import ROOT, commands
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 COMMAND = re.compile(r"python -m ((?:labeling|sbm_gym|agents|experiments)[\w.]*)([^`\n#|]*)")
+LINK, HEADING = re.compile(r"\]\(([^)\s]+)\)"), re.compile(r"^#+ (.+)$", re.MULTILINE)
 TEMPLATE = re.compile(r"\.\.\.|…|<|\[")
 """A line that leaves something out, which is not to be typed as it stands."""
+
+
+def without_code(page):
+    """The text of a page without its blocks of code."""
+    return re.sub(r"^ *```.*?^ *```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+
+
+def anchors(page):
+    """What headings of a page are called in links to them, as GitHub derives it."""
+    titles = [re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", title) for title in HEADING.findall(without_code(page))]
+    return {re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CHANGELOG.md"], ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_to_files_and_headings_that_are_there(page):
+    dead = []
+    for link in LINK.findall(without_code(page)):
+        place, _, heading = link.partition("#")
+        if "://" in link or place.startswith("mailto:"):
+            continue
+        to = (page.parent / place).resolve() if place else page
+        if not to.exists() or (heading and heading not in anchors(to)):
+            dead.append(link)
+    assert not dead
 
 
 def typed_commands():
