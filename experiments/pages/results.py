@@ -35,7 +35,7 @@ from sbm_gym.worlds.splits import ENDLESS
 
 PAGE = "results.md"
 TITLES = {
-    "table_5_1": "Table 5.1: detectors in unseen streets",
+    "table_5_1": "Table 5.1: streets",
     "table_5_1_wide": "Table 5.1 in more towns",
     "table_5_1_pooled": "Table 5.1 in all these towns",
     "table_5_1_final": "Table 5.1 in towns set aside for the end",
