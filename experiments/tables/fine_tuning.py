@@ -29,8 +29,8 @@ INTERPOLATED = {LABELS: "shared, no photographs, interpolated", TRUTH: "truth, n
 ``labeling.finetune``."""
 
 ENDLESS = {"rooms": 0, "streets": 4}
-"""By world, how many episodes of each endless scene are learnt from, as in tables 5.3 and 5.1 on scenes set aside; 0:
-several of each training scene."""
+"""By world, how many episodes of each endless scene are learnt from, as in tables 5.3 and 5.1; 0: several of each
+training scene."""
 
 
 @experiment(

@@ -103,8 +103,9 @@ def test_a_table_may_learn_in_scenes_of_the_endless_split_none_of_which_it_is_to
 ) -> None:
     assert {name: table.endless for name, table in TABLES.items() if table.endless} == {
         "table_a_3_homes": 1,
+        "table_5_1": 4,
+        "table_5_1_wide": 4,
         "table_5_1_final": 4,
-        "table_5_1_towns": 4,
     }
     sets = TrainingSets(world, RunContext(scale, (0,), 1, tmp_path), new_categories=True, endless=each)
     pools = {subset: sets.pool(subset) for subset in SPLITS}
