@@ -152,8 +152,8 @@ def over_shared_categories(
         compared = [other for other in rows if scenes[other] == scenes[name]]
         beside = [tuple(run["per_class_ap50"]) for other in compared for run in rows[other]]
         shared = [one for one in beside[0] if all(one in categories for categories in beside)]
-        alike = all(len(categories) == len(shared) for categories in beside)
-        found[name] = runs if alike else [only(shared, run) for run in runs]
+        whole = all(len(run["per_class_ap50"]) == len(shared) for run in runs)
+        found[name] = runs if whole else [only(shared, run) for run in runs]
     return found
 
 

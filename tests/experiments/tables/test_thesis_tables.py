@@ -250,6 +250,7 @@ def test_rows_are_compared_over_the_categories_they_share() -> None:
     assert set(found["more"][0]["instances"]) == {"bed", "chair"}
     assert found["more"][0]["photographs_ap50"] == 0.8
     assert "box_ap50" not in found["more"][0]
+    assert found["few"] == rows["few"], "a row that loses no category loses no figure, such as COCO's AP"
     alike = {name: [run(bed=0.2)] for name in "ab"}
     assert over_shared_categories(alike, dict.fromkeys(alike, "test")) == alike
     elsewhere = {**alike, "c": [run(bed=0.2, bus=0.0)], "d": [run(bed=0.4, bus=0.2)]}
