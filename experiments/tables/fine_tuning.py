@@ -10,6 +10,7 @@ from experiments.cache.registry import experiment
 from experiments.cache.stages import RunContext
 from experiments.cache.worlds import DETECTOR, SIZES
 from experiments.tables.label_errors import count_errors, file_in_dataset, objects_of, of_ignored
+from experiments.tables.thesis_tables import TABLES
 from experiments.tables.training_sets import TRUTH, TrainingSets
 from labeling.detectors.finetuning.config import FinetuneConfig
 
@@ -28,9 +29,8 @@ INTERPOLATED = {LABELS: "shared, no photographs, interpolated", TRUTH: "truth, n
 """The same, where the network that is kept lies between the one before and the one that is learnt, as by default in
 ``labeling.finetune``."""
 
-ENDLESS = {"rooms": 0, "streets": 4}
-"""By world, how many episodes of each endless scene are learnt from, as in tables 5.3 and 5.1; 0: several of each
-training scene."""
+SCENES_OF = {"rooms": "table_5_3", "streets": "table_5_1"}
+"""By world, the table whose scenes are learnt in, so that trainings are shared."""
 
 
 @experiment(
@@ -60,7 +60,7 @@ def cost_of_errors(world: str, context: RunContext) -> dict[str, Any]:
         The episodes, how many labels are false and how many objects have none, the detector before, and every run by
         teacher and seed.
     """
-    sets = TrainingSets(world, context, endless=ENDLESS[world])
+    sets = TrainingSets(world, context, endless=TABLES[SCENES_OF[world]].endless)
     jobs = {(teacher, seed): mended_job(sets, teacher, seed) for teacher in TEACHERS for seed in context.seeds}
     for names, share in ((ALONE, 1.0), (INTERPOLATED, FinetuneConfig.interpolate)):
         for teacher, name in names.items():

@@ -12,9 +12,8 @@ from experiments.cache.worlds import SIZES
 from experiments.pages.fine_tuning import gap_closed
 from experiments.run import main
 from experiments.tables import policies
-from experiments.tables.fine_tuning import ALONE, ENDLESS, INTERPOLATED, LABELS, TEACHERS, mended
+from experiments.tables.fine_tuning import ALONE, INTERPOLATED, LABELS, TEACHERS, mended
 from experiments.tables.label_errors import count_errors
-from experiments.tables.thesis_tables import TABLES
 from experiments.tables.training_sets import TRUTH
 from labeling.core.rle import encode_mask
 from labeling.detectors.data.annotated_pictures import AnnotatedPicture, Annotation
@@ -50,10 +49,6 @@ def test_the_experiment_runs_resumes_and_reports(
     assert run() == 0
     assert {**json.loads(written.read_text()), MADE_ON: ""} == {**content, MADE_ON: ""}
     capsys.readouterr()
-
-
-def test_it_learns_in_the_scenes_of_the_tables_so_that_trainings_are_shared() -> None:
-    assert {"rooms": TABLES["table_5_3"].endless, "streets": TABLES["table_5_1_final"].endless} == ENDLESS
 
 
 def square(left: int, side: int, category: str, weight: float = 1.0, ignore: bool = False) -> Annotation:
