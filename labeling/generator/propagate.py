@@ -39,6 +39,7 @@ from labeling.generator.objects.tracks import with_shared_posteriors, without_se
 from labeling.generator.poses.agreement import with_agreeing_poses
 from labeling.generator.quality.finalise import finalise_labels
 from labeling.generator.segment.crf import ObjectCrf
+from labeling.generator.segment.end_boards import complete_end_boards
 from labeling.generator.segment.level_surfaces import complete_level_surfaces
 from labeling.generator.segment.thin_parts import ThinParts, find_thin_parts
 from labeling.generator.settings.label_config import LabelConfig
@@ -53,7 +54,7 @@ BOX_TRIM, BOX_MARGIN_VOXELS = 0.003, 0.75
 handlebars, mirrors and leaves); and what is added to the sides, since points are means over voxels."""
 
 ADDED_PROBABILITY = np.float32(0.95)
-"""Of an object at the points that its level surfaces lacked."""
+"""Of an object at the points that its level surfaces and the boards at its ends lacked."""
 
 MANY_PX = 4_000_000
 """With more pixels in all views memory is given back in between."""
@@ -138,7 +139,7 @@ def _label(
     claimed = point_owners(probability, config.exclusive)
     inside, owner = claimed >= 0, _without_outliers(cloud, claimed, candidates, config)
     ground = None
-    if config.clear_ground or config.level_surfaces or config.thin_parts:
+    if config.clear_ground or config.level_surfaces or config.end_boards or config.thin_parts:
         ground = find_ground(cloud, views, owner < 0, scale.object_m)
     if ground is not None and config.clear_ground:
         # Before outliers are told: ground holds together what lies apart, and may be more than all of an object.
@@ -146,11 +147,13 @@ def _label(
         owner = _without_outliers(cloud, np.where(inside, claimed, np.int32(-1)), candidates, config)
     removed = (claimed >= 0) & (owner < 0)
     beside = {k: one.beside_outlines for k, one in enumerate(candidates) if one.outlined_in}
-    if ground is not None and config.level_surfaces:
-        free = np.where(removed, np.int32(-2), owner)
-        more = complete_level_surfaces(cloud, free, len(candidates), ground, beside)
-        probability = _with_added(probability, more)
-        owner, inside = np.where(more >= 0, more, owner), inside | (more >= 0)
+    completions = (config.level_surfaces, complete_level_surfaces), (config.end_boards, complete_end_boards)
+    for wanted, complete in completions:
+        if ground is not None and wanted:
+            free = np.where(removed, np.int32(-2), owner)
+            more = complete(cloud, free, len(candidates), ground, beside)
+            probability = _with_added(probability, more)
+            owner, inside = np.where(more >= 0, more, owner), inside | (more >= 0)
     parts = None
     if ground is not None and config.thin_parts:
         parts = find_thin_parts(cloud, views, owner, len(candidates), ground, scale.object_m, beside)

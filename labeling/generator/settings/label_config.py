@@ -160,6 +160,9 @@ class LabelConfig(Settings):
     level_surfaces: bool = True
     """Give objects the rest of level surfaces above the ground that they have the greater part of, such as table tops:
     detectors leave out what lies far behind."""
+    end_boards: bool = True
+    """Give objects the boards that end them, such as the heads of beds: upright layers as wide as the side that they
+    stand at, which detectors leave out."""
     thin_parts: bool = True
     """Give objects their legs, stems and feet: thin pieces between them and the ground, which detectors leave out."""
     class_sizes: bool = True

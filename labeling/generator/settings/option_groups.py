@@ -30,8 +30,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
         *("appearance-colour", "smoothness-weight", "smoothness-width-voxels", "iterations"),
     ),
     "algorithm: finished objects": (
-        *("segment-outliers", "min-piece", "piece-reach", "clear-ground", "level-surfaces", "thin-parts"),
-        "complete-boxes",
+        *("segment-outliers", "min-piece", "piece-reach", "clear-ground", "level-surfaces", "end-boards"),
+        *("thin-parts", "complete-boxes"),
     ),
     "algorithm: masks in the views": ("visibility", "fill-px", "fill-edge", "fill-views"),
     "algorithm: confidence, and what is ignored": (

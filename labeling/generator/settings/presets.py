@@ -33,6 +33,7 @@ PAPER = LabelConfig(
     complete_boxes=False,
     clear_ground=False,
     level_surfaces=False,
+    end_boards=False,
     thin_parts=False,
     class_sizes=False,
     votes=False,
