@@ -34,8 +34,8 @@ class FinetuneCommand(TrainingCommand):
     """
 
     labels: Labels
-    """What to learn from, one or several: label sets, episodes with ground truth, or COCO folders. The score of a label
-    is its weight; regions marked ``iscrowd`` or ``ignore`` teach nothing."""
+    """What to learn from, one or several: label sets, episodes with ground truth, or COCO folders. Regions marked
+    ``iscrowd`` or ``ignore`` teach nothing."""
     detector: str = DEFAULT
     """Where to start: ``compact``, ``maskrcnn_resnet50_fpn``, or the folder of another run."""
     val: Path | None = None
@@ -46,6 +46,9 @@ class FinetuneCommand(TrainingCommand):
     least_confidence: Share[float] = LEAST_CONFIDENCE
     """Labels less confident than this are left out, in what is learnt from and in --val: what they show is background.
     Hardly any of them is right."""
+    trust_scores: bool = False
+    """Learn labels only as sure as they are: one of score s is to be found with a confidence of s. Otherwise those that
+    are learnt from count in full."""
     new_categories: bool = False
     """Learn categories that the detector has no name for yet; otherwise they are background."""
     preset: FinetunePreset = "default"
@@ -139,12 +142,13 @@ def read(command: FinetuneCommand) -> "tuple[list[AnnotatedPicture], ...]":
         SbmError: if there is nothing to learn from, or something is malformed.
     """
     from labeling.detectors.data.annotated_pictures import is_split, read_pictures, train_val_split
-    from labeling.detectors.data.doubtful_labels import without_doubtful
+    from labeling.detectors.data.doubtful_labels import counted_in_full, without_doubtful
 
     command.check_sources()
     check_ranges(command)
     annotated = [picture for one in command.labels for picture in read_pictures(one, "train", command.dataset)]
     learn = without_doubtful(annotated, command.least_confidence)
+    learn = learn if command.trust_scores else counted_in_full(learn)
     if not any(not one.ignore for picture in learn for one in picture.annotations):
         doubtful = sum(not one.ignore for picture in annotated for one in picture.annotations)
         why = f"; --least-confidence {command.least_confidence:g} leaves out {doubtful}" if doubtful else ""

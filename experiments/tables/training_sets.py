@@ -73,12 +73,14 @@ class LabelRecipe:
     """From the recorded detections as well."""
     least_confidence: float = LEAST_CONFIDENCE
     """Labels below are not learnt from."""
+    trust_scores: bool = False
+    """The others are learnt as sure as they are, not in full."""
 
 
 LABEL_RECIPES: dict[str, LabelRecipe] = {
     "sbm": LabelRecipe(),
     "shared": LabelRecipe(shared=True),
-    "ignoring": LabelRecipe(LabelConfig(ignore_unconfirmed=0.3), shared=True, least_confidence=0.0),
+    "ignoring": LabelRecipe(LabelConfig(ignore_unconfirmed=0.3), shared=True, least_confidence=0.0, trust_scores=True),
     "second round": LabelRecipe(shared=True, detector_recipe="shared"),
     "both detectors": LabelRecipe(shared=True, detector_recipe="shared", with_recorded=True),
     "unfitted": LabelRecipe(PRESETS["unfitted"], shared=True),
@@ -215,10 +217,13 @@ class TrainingSets:
         kept").
         """
         from experiments.cache.detector_stages import TrainJob
+        from labeling.detectors.data.doubtful_labels import counted_in_full
 
+        learn = self.training_pictures("learn", teacher, seed)
+        trusts_scores = teacher in LABEL_RECIPES and LABEL_RECIPES[teacher].trust_scores
         return TrainJob(
             DETECTOR,
-            self.training_pictures("learn", teacher, seed),
+            learn if trusts_scores else counted_in_full(learn),
             self.photographs()[0],
             self._size.train_new() if new_categories else self._size.train,
             self._size.augment[self.world],

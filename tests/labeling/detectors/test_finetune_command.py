@@ -163,3 +163,15 @@ def test_labels_below_the_least_confidence_are_background_to_learn_and_to_choose
             assert {one.category for picture in pictures for one in picture.annotations} == expected
             assert not any(one.ignore for picture in pictures for one in picture.annotations)
     assert command.least_confidence == LEAST_CONFIDENCE
+
+
+def test_labels_that_are_learnt_from_count_in_full_unless_scores_are_trusted(scene):
+    scene.add_episode("one")
+    scene.write_labels(lambda truth: (truth.category, 0.4 if truth.category == "chair" else 0.8, truth.modal))
+    from labeling.finetune import FinetuneCommand, read
+
+    command = FinetuneCommand((scene.labels,), Path("run"))
+    for trusting, expected in ((False, {"chair": 1.0, "plant": 1.0}), (True, {"chair": 0.4, "plant": 0.8})):
+        learn, *_ = read(replace(command, trust_scores=trusting))
+        found = {one.category: one.weight for picture in learn for one in picture.annotations}
+        assert found == pytest.approx(expected)
