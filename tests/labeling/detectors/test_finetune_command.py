@@ -99,7 +99,7 @@ def test_several_label_sets_are_learnt_from_together(scene, start, tmp_path, cap
     assert json.loads((tmp_path / "run" / RESULTS_FILE).read_text())["labels"] == f"{scene.labels}, {photographs}"
     from labeling.finetune import FinetuneCommand, read
 
-    pictures, *_ = read(FinetuneCommand((scene.labels, photographs), Path("run")))
+    pictures, *_ = read(FinetuneCommand((scene.labels, photographs), Path("run"), trust_scores=True))
     assert pictures == [*read_pictures(scene.labels), *read_pictures(photographs)]
     capsys.readouterr()
     assert finetune([str(scene.labels), str(photographs), "--dataset", str(scene.dataset), *command]) == 2
