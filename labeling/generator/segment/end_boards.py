@@ -35,8 +35,7 @@ RING_VOXELS = 8.0
 """So much further a layer is followed, in voxels."""
 RING_LAYER_VOXELS = 0.8
 """Largest distance from the layer at which points of that ring belong to it, in voxels: more than before, so that no
-wall is cut askew.
-"""
+wall is cut askew."""
 BEYOND = 0.15
 """Largest number of a layer's points in that ring, as a share of those before it."""
 WIDE = 0.85
