@@ -46,9 +46,6 @@ class FinetuneCommand(TrainingCommand):
     least_confidence: Share[float] = LEAST_CONFIDENCE
     """Labels less confident than this are left out, in what is learnt from and in --val: what they show is background.
     Hardly any of them is right."""
-    trust_scores: bool = False
-    """Learn labels only as sure as they are: one of score s is to be found with a confidence of s. Otherwise those that
-    are learnt from count in full."""
     new_categories: bool = False
     """Learn categories that the detector has no name for yet; otherwise they are background."""
     preset: FinetunePreset = "default"
@@ -142,13 +139,12 @@ def read(command: FinetuneCommand) -> "tuple[list[AnnotatedPicture], ...]":
         SbmError: if there is nothing to learn from, or something is malformed.
     """
     from labeling.detectors.data.annotated_pictures import is_split, read_pictures, train_val_split
-    from labeling.detectors.data.doubtful_labels import counted_in_full, without_doubtful
+    from labeling.detectors.data.doubtful_labels import without_doubtful
 
     command.check_sources()
     check_ranges(command)
     annotated = [picture for one in command.labels for picture in read_pictures(one, "train", command.dataset)]
     learn = without_doubtful(annotated, command.least_confidence)
-    learn = learn if command.trust_scores else counted_in_full(learn)
     if not any(not one.ignore for picture in learn for one in picture.annotations):
         doubtful = sum(not one.ignore for picture in annotated for one in picture.annotations)
         why = f"; --least-confidence {command.least_confidence:g} leaves out {doubtful}" if doubtful else ""

@@ -70,12 +70,13 @@ def _one_thread(repeats: int) -> Iterator[Row]:
     """What ``PointwiseConv2d`` saves where networks compute in one thread, as in a recording or training of several."""
     import torch
 
+    from labeling.detectors.networks.losses import with_training_losses
     from labeling.detectors.networks.pointwise import PointwiseConv2d
     from labeling.detectors.registry import load_detector, load_named_network
     from labeling.runtime.threads import one_network_thread
 
     size = max(LIMITS_S)
-    pictures, network = _views(size), load_named_network("compact")[0]
+    pictures, network = _views(size), with_training_losses(load_named_network("compact")[0])
     with one_network_thread():
         detector = load_detector("compact", "cpu", BATCH)
         targets = _targets(detector, pictures)
@@ -110,6 +111,7 @@ def _targets(detector: "Detector", pictures: UInt8[np.ndarray, "b h w 3"]) -> "l
             "labels": torch.ones(len(one.scores), dtype=torch.int64),
             "masks": torch.from_numpy(one.masks).to(torch.uint8),
             "weights": torch.ones(len(one.scores)),
+            "presence": torch.ones(len(one.scores)),
             "ignored": torch.zeros(0, 4),
             "unannotated": torch.zeros(0, dtype=torch.int64),
         }

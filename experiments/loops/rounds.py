@@ -162,10 +162,9 @@ class SeedRounds:
 
     def _job(self, detector: str, teacher: str, episodes: Iterable[str] | None, rounds: int, title: str) -> "TrainJob":
         from experiments.cache.detector_stages import TrainJob
-        from labeling.detectors.data.doubtful_labels import counted_in_full
 
         size = TRAIN_SIZES[self._context.scale]
-        learn = counted_in_full(self.views(teacher, episodes))
+        learn = self.views(teacher, episodes)
         replay, augment = self._sets.photographs()[0], size.augment[self._places.world]
         train = replace(size.train, iterations=rounds * size.train.iterations)
         return TrainJob(detector, learn, replay, train, augment, self.seed, title)

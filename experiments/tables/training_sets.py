@@ -74,7 +74,7 @@ class LabelRecipe:
     least_confidence: float = LEAST_CONFIDENCE
     """Labels below are not learnt from."""
     trust_scores: bool = False
-    """The others are learnt as sure as they are, not in full."""
+    """The others are learnt to be there as surely as their scores say, not for sure."""
 
 
 LABEL_RECIPES: dict[str, LabelRecipe] = {
@@ -217,15 +217,15 @@ class TrainingSets:
         kept").
         """
         from experiments.cache.detector_stages import TrainJob
-        from labeling.detectors.data.doubtful_labels import counted_in_full
 
-        learn = self.training_pictures("learn", teacher, seed)
-        trusts_scores = teacher in LABEL_RECIPES and LABEL_RECIPES[teacher].trust_scores
+        train = self._size.train_new() if new_categories else self._size.train
+        if teacher in LABEL_RECIPES and LABEL_RECIPES[teacher].trust_scores:
+            train = replace(train, trust_scores=True)
         return TrainJob(
             DETECTOR,
-            learn if trusts_scores else counted_in_full(learn),
+            self.training_pictures("learn", teacher, seed),
             self.photographs()[0],
-            self._size.train_new() if new_categories else self._size.train,
+            train,
             self._size.augment[self.world],
             seed,
             f"{teacher} of {self._policy} in {self.world}",

@@ -18,9 +18,12 @@ class Sample:
     labels: Int64[np.ndarray, "n"]
     """Output of the classifier, from 1; whatever is ignored has 0."""
     weights: Float32[np.ndarray, "n"]
+    """How well their masks are known, in [0, 1]."""
     ignore: Bool[np.ndarray, "n"]
     unannotated: tuple[int, ...] = ()
     """Outputs of categories that whoever annotated the picture had no name for."""
+    trust_scores: bool = False
+    """Objects are there as surely as their weights say, not for sure."""
 
 
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)

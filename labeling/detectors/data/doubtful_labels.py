@@ -1,7 +1,6 @@
-"""How far labels are believed: some are too doubtful to be learnt from, the others count in full."""
+"""Labels that are too doubtful to be learnt from."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -24,14 +23,3 @@ def without_doubtful(
     from labeling.detectors.data.annotated_pictures import with_annotations
 
     return with_annotations(pictures, lambda one: one if one.ignore or one.weight >= least_confidence else None)
-
-
-def counted_in_full(pictures: "Sequence[AnnotatedPicture]") -> "list[AnnotatedPicture]":
-    """Gives all labels a weight of 1.
-
-    Their confidences are expected IoUs: of what is hard to segment they are low, however surely it is there
-    (docs/design-notes.md, "How far labels are believed").
-    """
-    from labeling.detectors.data.annotated_pictures import with_annotations
-
-    return with_annotations(pictures, lambda one: one if one.ignore else replace(one, weight=1.0))

@@ -49,5 +49,9 @@ class FinetuneConfig(TrainingConfig):
     repeat_threshold: ShareBelowOne[float] = 0.5
     """Pictures of categories that are in a smaller share of all pictures come more often, so that a rare category is
     learnt, too; 0: all pictures come as often. Source: repeat factor sampling, Gupta et al. 2019 (LVIS)."""
+    trust_scores: bool = False
+    """Learn that labels are there only as surely as their scores say: one of score s is to be found with a confidence
+    of s. Otherwise those that are learnt from are there for sure. Their boxes and masks count by their scores, which
+    are expected IoUs, in both cases."""
     workers: NonNegative[int] = 0
     """Processes that read and augment pictures."""

@@ -40,11 +40,13 @@ def to_target(sample: Sample) -> Target:
     """The objects of a sample as the network's losses want them."""
     boxes = torch.from_numpy(np.array([box_xyxy(mask) for mask in sample.masks], np.float32).reshape(-1, 4))
     learn = torch.from_numpy(~sample.ignore & (sample.labels > 0))
+    weights = torch.from_numpy(sample.weights)[learn]
     return {
         "boxes": boxes[learn],
         "labels": torch.from_numpy(sample.labels)[learn],
         "masks": torch.from_numpy(np.ascontiguousarray(sample.masks)).to(torch.uint8)[learn],
-        "weights": torch.from_numpy(sample.weights)[learn],
+        "weights": weights,
+        "presence": weights if sample.trust_scores else torch.ones_like(weights),
         "ignored": boxes[~learn],
         "unannotated": torch.tensor(sample.unannotated, dtype=torch.int64),
     }
@@ -91,6 +93,8 @@ class ReplayDataset(Dataset):
     """Of ``categories``: where no replayed picture names one, background there may be one."""
     repeat_threshold: float = 0.0
     """Of ``repeats_of``, for ``pictures``."""
+    trust_scores: bool = False
+    """What is annotated is there as surely as its weight says, not for sure."""
 
     def __post_init__(self) -> None:
         if not self.pictures:
@@ -110,7 +114,7 @@ class ReplayDataset(Dataset):
         is_replay, index = self.source(number)
         picture = (self.replay if is_replay else self.pictures)[index]
         rng = np.random.default_rng([self.seed, 2, number])
-        sample = load_sample(picture, self.categories)
+        sample = replace(load_sample(picture, self.categories), trust_scores=self.trust_scores)
         if is_replay:
             sample = replace(sample, unannotated=self._unannotated)
         return augment(sample, self.config, rng)

@@ -12,6 +12,7 @@ from labeling.detectors.data.annotated_pictures import AnnotatedPicture
 from labeling.detectors.data.augment_config import AugmentConfig
 from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.finetuning.dataset import Batch, ReplayDataset, collate, to_device
+from labeling.detectors.networks.losses import with_training_losses
 from labeling.detectors.networks.mask_rcnn import Network, channels_last
 from labeling.detectors.networks.network_detector import NetworkDetector
 from labeling.detectors.networks.weights import save_network
@@ -25,7 +26,7 @@ class MaskRcnnTask(loop.TrainingTask[Batch, Network]):
 
     def __init__(self, network: Network, average: float) -> None:
         """Takes a network on its device, and the decay of its running average per batch; 0: none."""
-        self.network, self.average = channels_last(network), average
+        self.network, self.average = channels_last(with_training_losses(network)), average
         self.averaged = copy.deepcopy(network).requires_grad_(False).eval() if average else None
 
     def losses(self, batch: Batch, step: int) -> dict[str, torch.Tensor]:
@@ -77,7 +78,15 @@ class FinetuneTask(MaskRcnnTask):
             augmentation = replace(augmentation, short_side_px=network.spec.short_side_px)
         names, share = network.spec.categories, config.replay_share
         self.dataset = ReplayDataset(
-            pictures, names, augmentation, config.seed, replay, share, new_categories, config.repeat_threshold
+            pictures,
+            names,
+            augmentation,
+            config.seed,
+            replay,
+            share,
+            new_categories,
+            config.repeat_threshold,
+            config.trust_scores,
         )
         self.config, self.validation, self.about = config, validation, about or {}
         network = network.to(torch.device(device))

@@ -13,7 +13,6 @@ from torch import nn
 from labeling.core.detector import DetectorError
 from labeling.detectors.networks.compact import compact_parts
 from labeling.detectors.networks.efficientnet_lite import load_imagenet_weights
-from labeling.detectors.networks.losses import Target, WeightedHeads, WeightedProposals
 from labeling.detectors.networks.pointwise import use_pointwise
 from labeling.detectors.networks.spec import NetworkSpec
 from labeling.detectors.networks.torchvision_operators import torchvision
@@ -34,8 +33,7 @@ class Network(nn.Module):
         super().__init__()
         self.spec = spec
         self.backbone = parts.backbone
-        self.rpn = WeightedProposals.from_torchvision(parts.rpn)
-        self.roi_heads = WeightedHeads.from_torchvision(parts.roi_heads)
+        self.rpn, self.roi_heads = parts.rpn, parts.roi_heads
         use_pointwise(self)
         self.frozen_statistics = True
         """Whether batch normalisation keeps its statistics while training, as small batches want it."""
@@ -74,13 +72,18 @@ class Network(nn.Module):
         for part in parts[:stages]:
             part.requires_grad_(False)
 
-    def forward(self, pictures: torch.Tensor, sizes: list[tuple[int, int]], targets: list[Target] | None = None) -> Any:
+    def forward(
+        self,
+        pictures: torch.Tensor,
+        sizes: list[tuple[int, int]],
+        targets: list[dict[str, torch.Tensor]] | None = None,
+    ) -> Any:
         """Runs the network.
 
         Args:
             pictures: (b, 3, h, w), uint8, RGB; each fills its upper left corner. Sides are multiples of ``STRIDE``.
             sizes: height and width of each picture within.
-            targets: what to learn (labeling.detectors.networks.losses); needed while training.
+            targets: what to learn; needed while training. ``losses.with_training_losses`` says what they are.
 
         Returns:
             While training a dict of losses; else per picture a dict of ``boxes`` (n, 4), ``labels`` (n,),

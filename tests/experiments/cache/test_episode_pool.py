@@ -72,9 +72,11 @@ def test_a_small_pool_is_a_dataset_of_its_own_where_a_larger_one_has_been(tmp_pa
 
 
 @pytest.mark.slow
-def test_settings_of_labels_do_not_decide_how_episodes_are_recorded() -> None:
-    # Labels that are improved must not have all episodes recorded, and all detectors trained, anew.
+def test_neither_settings_of_labels_nor_training_decide_how_episodes_are_recorded() -> None:
+    # Labels or losses that are improved must not have all episodes recorded anew.
     reached = {path.relative_to(ROOT).as_posix() for path in reached_code(collect_episodes).contents()}
     assert "labeling/generator/objects/object_posterior.py" in reached  # whose judgement the robot makes as it goes
     decide_labels = ("labeling/generator/settings/", "labeling/generator/propagate.py")
     assert not [name for name in reached if name.startswith(decide_labels)]
+    assert "labeling/detectors/networks/mask_rcnn.py" in reached  # whose detections guide it
+    assert not [name for name in reached if name.startswith("labeling/detectors/networks/losses.py")]

@@ -99,7 +99,7 @@ def test_several_label_sets_are_learnt_from_together(scene, start, tmp_path, cap
     assert json.loads((tmp_path / "run" / RESULTS_FILE).read_text())["labels"] == f"{scene.labels}, {photographs}"
     from labeling.finetune import FinetuneCommand, read
 
-    pictures, *_ = read(FinetuneCommand((scene.labels, photographs), Path("run"), trust_scores=True))
+    pictures, *_ = read(FinetuneCommand((scene.labels, photographs), Path("run")))
     assert pictures == [*read_pictures(scene.labels), *read_pictures(photographs)]
     capsys.readouterr()
     assert finetune([str(scene.labels), str(photographs), "--dataset", str(scene.dataset), *command]) == 2
@@ -163,15 +163,3 @@ def test_labels_below_the_least_confidence_are_background_to_learn_and_to_choose
             assert {one.category for picture in pictures for one in picture.annotations} == expected
             assert not any(one.ignore for picture in pictures for one in picture.annotations)
     assert command.least_confidence == LEAST_CONFIDENCE
-
-
-def test_labels_that_are_learnt_from_count_in_full_unless_scores_are_trusted(scene):
-    scene.add_episode("one")
-    scene.write_labels(lambda truth: (truth.category, 0.4 if truth.category == "chair" else 0.8, truth.modal))
-    from labeling.finetune import FinetuneCommand, read
-
-    command = FinetuneCommand((scene.labels,), Path("run"))
-    for trusting, expected in ((False, {"chair": 1.0, "plant": 1.0}), (True, {"chair": 0.4, "plant": 0.8})):
-        learn, *_ = read(replace(command, trust_scores=trusting))
-        found = {one.category: one.weight for picture in learn for one in picture.annotations}
-        assert found == pytest.approx(expected)

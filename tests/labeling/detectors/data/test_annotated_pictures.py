@@ -278,6 +278,17 @@ def test_only_known_categories_are_learnt_and_ignored_ones_become_regions(tmp_pa
         assert box.tolist() == [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
 
 
+def test_labels_are_there_for_sure_unless_scores_are_trusted(tmp_path):
+    photos = read_pictures(write_coco_folder(tmp_path / "photos", 2))
+    doubtful = with_annotations(photos, lambda one: replace(one, weight=0.4))
+    for trusting, presence in ((False, 1.0), (True, 0.4)):
+        dataset = ReplayDataset(doubtful, CATEGORIES, NO_AUGMENTATION, 3, trust_scores=trusting)
+        target = to_target(dataset[0])
+        assert target["weights"].tolist() == pytest.approx([0.4] * len(target["labels"]))
+        assert target["presence"].tolist() == pytest.approx([presence] * len(target["labels"]))
+        assert len(target["labels"])
+
+
 def test_a_picture_without_labels_is_a_sample_like_any_other(tmp_path):
     picture = with_annotations(read_pictures(write_coco_folder(tmp_path / "photos", 1)), lambda one: None)[0]
     target = to_target(load_sample(picture, CATEGORIES))

@@ -27,7 +27,9 @@ def stage():
     return parts, ours, {k: v.detach() for k, v in features.items()}, images
 
 
-def target(weights=(1.0, 1.0), boxes=((4, 4, 30, 40), (40, 20, 90, 60)), regions=(), unannotated=()):
+def target(
+    weights=(1.0, 1.0), boxes=((4, 4, 30, 40), (40, 20, 90, 60)), regions=(), unannotated=(), presence=(1.0, 1.0)
+):
     kept = torch.tensor(boxes, dtype=torch.float32).reshape(-1, 4)
     masks = torch.zeros(len(kept), *SIZE, dtype=torch.uint8)
     for mask, (left, top, right, bottom) in zip(masks, kept.long().tolist(), strict=True):
@@ -37,6 +39,7 @@ def target(weights=(1.0, 1.0), boxes=((4, 4, 30, 40), (40, 20, 90, 60)), regions
         "labels": torch.arange(len(kept)) % 2 + 1,
         "masks": masks,
         "weights": torch.tensor(weights[: len(kept)], dtype=torch.float32),
+        "presence": torch.tensor(presence[: len(kept)], dtype=torch.float32),
         "ignored": torch.tensor(regions, dtype=torch.float32).reshape(-1, 4),
         "unannotated": torch.tensor(unannotated, dtype=torch.int64),
     }
@@ -60,44 +63,59 @@ def test_losses_are_torchvisions_where_all_labels_are_certain(stage):
     )
 
 
-def test_losses_are_linear_in_the_weight_of_a_label(stage):
+OF_SHAPE, OF_PRESENCE = {"loss_rpn_box_reg", "loss_box_reg", "loss_mask"}, {"loss_objectness", "loss_classifier"}
+
+
+@pytest.mark.parametrize(("counted", "named"), [("weights", OF_SHAPE), ("presence", OF_PRESENCE)])
+def test_losses_are_linear_in_weight_and_presence_of_a_label(stage, counted, named):
+    """Boxes and masks count by the weight alone, class and objectness by the presence alone."""
     _, ours, features, images = stage
 
-    def at(weight):
-        return losses(ours, features, images, [target((weight, 1.0)), target()])
+    def at(value):
+        return losses(ours, features, images, [target(**{counted: (value, 1.0)}), target()])
 
     none, half, full = at(0.0), at(0.5), at(1.0)
+    assert set(full) == OF_SHAPE | OF_PRESENCE
     for name, value in half.items():
         assert value == pytest.approx(0.5 * (none[name] + full[name]), rel=1e-4)
-    assert none["loss_mask"] < full["loss_mask"]
+        assert (none[name] == full[name]) == (name not in named)
+    if named == OF_SHAPE:
+        assert all(none[name] < full[name] for name in named)
 
 
-def test_labels_of_no_weight_leave_only_the_background_to_learn(stage):
+def test_labels_of_no_weight_teach_no_shape_and_those_of_no_presence_background(stage):
     _, ours, features, images = stage
-    found = losses(ours, features, images, [target((0.0, 0.0)), target((0.0, 0.0))])
-    assert found["loss_box_reg"] == found["loss_mask"] == found["loss_rpn_box_reg"] == 0.0
-    assert found["loss_classifier"] > 0
+    nothing = {"weights": (0.0, 0.0), "presence": (0.0, 0.0)}
+    found = losses(ours, features, images, [target(**nothing), target(**nothing)])
+    assert all(found[name] == 0.0 for name in OF_SHAPE)
+    assert all(found[name] > 0 for name in OF_PRESENCE)
 
 
-@pytest.mark.parametrize("weight", [0.0, 0.3, 0.8, 1.0])
-def test_a_label_is_best_found_with_its_weight_as_confidence(weight):
+@pytest.mark.parametrize("presence", [0.0, 0.3, 0.8, 1.0])
+def test_a_label_is_best_found_with_its_presence_as_confidence(presence):
     confidence = torch.linspace(0.001, 0.999, 999)
     logits = torch.stack([(1 - confidence).log(), confidence.log(), torch.full_like(confidence, -50.0)], dim=1)
     certain = torch.zeros(1, 3, dtype=torch.bool)
     found = [
         float(
             box_losses(
-                one[None], torch.zeros(1, 12), torch.tensor([1]), torch.zeros(1, 4), torch.tensor([weight]), certain
+                one[None],
+                torch.zeros(1, 12),
+                torch.tensor([1]),
+                torch.zeros(1, 4),
+                torch.ones(1),
+                torch.tensor([presence]),
+                certain,
             )["loss_classifier"]
         )
         for one in logits
     ]
-    assert float(confidence[int(np.argmin(found))]) == pytest.approx(weight, abs=0.0015)
+    assert float(confidence[int(np.argmin(found))]) == pytest.approx(presence, abs=0.0015)
 
 
-def test_anchors_of_a_doubtful_label_are_best_objects_with_its_weight(stage):
+def test_anchors_of_a_doubtful_label_are_best_objects_with_its_presence(stage):
     _, (rpn, _), features, images = stage
-    targets = [target((0.3, 0.3)), target((0.3, 0.3))]
+    targets = [target(presence=(0.3, 0.3)), target(presence=(0.3, 0.3))]
     anchors = rpn.anchor_generator(images, list(features.values()))
     labels, _ = rpn.assign_targets_to_anchors(anchors, targets)
     label = torch.cat(labels)
@@ -142,9 +160,10 @@ def test_boxes_are_ignored_that_lie_mostly_inside_a_region():
 
 def test_background_that_may_be_something_unnamed_shares_its_probability_with_it():
     logits = torch.tensor([[0.3, -0.2, 1.1], [0.3, -0.2, 1.1], [2.0, 0.5, -1.0]])
-    label, weight = torch.tensor([0, 1, 0]), torch.tensor([1.0, 0.5, 1.0])
+    label, presence = torch.tensor([0, 1, 0]), torch.tensor([1.0, 0.5, 1.0])
     unannotated = torch.tensor([[False, False, True], [False, False, True], [False, False, False]])
-    found = box_losses(logits, torch.zeros(3, 12), label, torch.zeros(3, 4), weight, unannotated)["loss_classifier"]
+    nowhere, sure = (torch.zeros(3, 12), label, torch.zeros(3, 4)), torch.ones(3)
+    found = box_losses(logits, *nowhere, sure, presence, unannotated)["loss_classifier"]
     share = logits.exp() / logits.exp().sum(dim=1, keepdim=True)
     unnamed = -(share[0, 0] + share[0, 2]).log()  # of the second box, too, as far as its label is doubted
     expected = unnamed + 0.5 * unnamed - 0.5 * share[1, 1].log() - share[2, 0].log()

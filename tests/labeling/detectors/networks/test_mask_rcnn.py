@@ -1,5 +1,6 @@
 """The network, its files, and the detector made of it."""
 
+import copy
 import json
 from dataclasses import replace
 
@@ -12,6 +13,7 @@ from scipy.ndimage import map_coordinates
 from labeling.core.detector import DetectorError
 from labeling.core.masks import paste_mask
 from labeling.detectors.networks.efficientnet_lite import EfficientNetLite0, load_imagenet_weights
+from labeling.detectors.networks.losses import with_training_losses
 from labeling.detectors.networks.mask_rcnn import build_network, fused, with_categories
 from labeling.detectors.networks.network_detector import NetworkDetector
 from labeling.detectors.networks.spec import Calibration, NetworkSpec
@@ -70,6 +72,15 @@ def test_folding_normalisation_into_convolutions_changes_nothing(network, pictur
     for a, b in zip(run(network, pictures), run(fused(network), pictures), strict=True):
         torch.testing.assert_close(a["boxes"], b["boxes"], rtol=1e-3, atol=1e-2)
         torch.testing.assert_close(a["scores"], b["scores"], rtol=1e-3, atol=1e-4)
+
+
+def test_a_network_that_is_to_be_trained_detects_as_before(network, pictures):
+    trained = with_training_losses(copy.deepcopy(network))
+    again = with_training_losses(copy.deepcopy(trained))
+    for one in (trained, again):
+        assert list(one.state_dict()) == list(network.state_dict())
+        for a, b in zip(run(network, pictures), run(one, pictures), strict=True):
+            assert all(torch.equal(value, b[name]) for name, value in a.items())
 
 
 def test_what_surrounds_a_picture_in_its_batch_does_not_matter(network, pictures):
