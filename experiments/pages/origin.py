@@ -1,4 +1,4 @@
-"""When and where results were made, and which are of an earlier label generator, or of masks cut otherwise."""
+"""When and where results were made, and which are of an earlier label generator, or of detectors taught otherwise."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -8,10 +8,13 @@ from labeling.core.masks import MASK_THRESHOLD
 from labeling.detectors.networks.spec import PREDICTED_MASK_THRESHOLD
 
 COMMIT_DIGITS = 7
+TRUST_SCORES = "trust_scores"
+"""Of ``FinetuneConfig``, as results have it."""
 DAY = len("2026-11-26")
 """Characters of a time that say the day."""
 EARLIER = "**An earlier label generator than that of the latest results; made anew, these figures may differ.**"
 CUT_OTHERWISE = "Masks of detectors were cut at {was:g}, now they are at {now:g}."
+BELIEVED_OTHERWISE = "What is labelled was learnt to be there as surely as scores say, now it is there for sure."
 
 
 def origins(contents: Mapping[str, Mapping[str, Any]], named: Iterable[str] | None = None) -> dict[str, str]:
@@ -31,7 +34,7 @@ def origins(contents: Mapping[str, Mapping[str, Any]], named: Iterable[str] | No
         sentence = f"Made {when}at commit {commit}{changed}."
         if content.get(MACHINES):
             sentence += f" Trained on {', '.join(content[MACHINES])}."
-        found[name] = sentence + _cut_otherwise(content) + (f" {EARLIER}" if name in earlier else "")
+        found[name] = sentence + _taught_otherwise(content) + (f" {EARLIER}" if name in earlier else "")
     return found
 
 
@@ -55,14 +58,20 @@ def of_earlier_generator(contents: Mapping[str, Mapping[str, Any]]) -> set[str]:
     return {name for name, content in contents.items() if content.get(GENERATOR) != contents[newest][GENERATOR]}
 
 
-def _cut_otherwise(content: Mapping[str, Any]) -> str:
-    """Says so where masks that detectors predict were cut at another probability than today."""
+def _taught_otherwise(content: Mapping[str, Any]) -> str:
+    """Says so where masks that detectors predict were cut at another probability than today, or scores of the labels
+    that taught them were trusted.
+    """
     settings = content.get("settings")
     has_predictions = any(row.get("labels") is None for row in content.get("rows", [{}]))
     if not isinstance(settings, Mapping) or "photographs" not in settings or not has_predictions:
         return ""
-    was = settings.get(MASKS_FROM, MASK_THRESHOLD)
-    return "" if was == PREDICTED_MASK_THRESHOLD else " " + CUT_OTHERWISE.format(was=was, now=PREDICTED_MASK_THRESHOLD)
+    was, said = settings.get(MASKS_FROM, MASK_THRESHOLD), ""
+    if was != PREDICTED_MASK_THRESHOLD:
+        said += " " + CUT_OTHERWISE.format(was=was, now=PREDICTED_MASK_THRESHOLD)
+    if settings.get("train", {}).get(TRUST_SCORES, True):  # earlier settings have no choice
+        said += " " + BELIEVED_OTHERWISE
+    return said
 
 
 def _newest(contents: Mapping[str, Mapping[str, Any]]) -> str | None:

@@ -1,6 +1,7 @@
 """The page of results says what the figures say, each in its place, and is the one that is committed."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,10 @@ from experiments.figures.result_values import (
 )
 from experiments.pages.__main__ import main
 from experiments.pages.markdown import write_page
-from experiments.pages.origin import EARLIER, origins, section_of_origins
+from experiments.pages.origin import BELIEVED_OTHERWISE, EARLIER, origins, section_of_origins
 from experiments.pages.results import PAGE, compare_categories, page, read_results
 from labeling.core.errors import SbmError
+from labeling.detectors.finetuning.config import FinetuneConfig
 from labeling.detectors.networks.spec import PREDICTED_MASK_THRESHOLD
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -317,7 +319,7 @@ def test_results_of_an_earlier_label_generator_are_marked_by_themselves() -> Non
 
 def test_results_say_whether_masks_of_detectors_were_cut_where_they_are_now() -> None:
     said = f"Masks of detectors were cut at 0.5, now they are at {PREDICTED_MASK_THRESHOLD:g}."
-    settings = {"photographs": [1200, 600]}
+    settings = {"photographs": [1200, 600], "train": asdict(FinetuneConfig())}
     contents = {
         "before": {"settings": settings, "rows": [{"labels": "sbm"}, {"labels": None}]},
         "loop": {"settings": settings},
@@ -327,6 +329,19 @@ def test_results_say_whether_masks_of_detectors_were_cut_where_they_are_now() ->
         "of neither": {},
     }
     assert {name for name, sentence in origins(contents).items() if said in sentence} == {"before", "loop"}
+
+
+def test_results_say_whether_labels_were_believed_as_they_are_now() -> None:
+    now = {"photographs": [1200, 600], "train": asdict(FinetuneConfig()), "mask_threshold": PREDICTED_MASK_THRESHOLD}
+    without = {name: value for name, value in now["train"].items() if name != "trust_scores"}
+    contents = {
+        "now": {"settings": now, "rows": [{"labels": None}]},
+        "before": {"settings": {**now, "train": without}, "rows": [{"labels": None}]},
+        "on request": {"settings": {**now, "train": asdict(FinetuneConfig(trust_scores=True))}},
+        "of labels alone": {"settings": {**now, "train": without}, "rows": [{"labels": "sbm"}]},
+    }
+    told = origins(contents)
+    assert {name for name, said in told.items() if BELIEVED_OTHERWISE in said} == {"before", "on request"}
 
 
 def test_a_page_ends_with_where_its_figures_come_from() -> None:
