@@ -14,7 +14,7 @@ DAY = len("2026-11-26")
 """Characters of a time that say the day."""
 EARLIER = "**An earlier label generator than that of the latest results; made anew, these figures may differ.**"
 CUT_OTHERWISE = "Masks of detectors were cut at {was:g}, now they are at {now:g}."
-BELIEVED_OTHERWISE = "Of labels, too, what is there counted by their scores; now only boxes and masks do."
+BELIEVED_OTHERWISE = "Scores of labels weighed what is there, too; now they weigh its box and mask alone."
 
 
 def origins(contents: Mapping[str, Mapping[str, Any]], named: Iterable[str] | None = None) -> dict[str, str]:
