@@ -83,7 +83,8 @@ class Network(nn.Module):
         Args:
             pictures: (b, 3, h, w), uint8, RGB; each fills its upper left corner. Sides are multiples of ``STRIDE``.
             sizes: height and width of each picture within.
-            targets: what to learn; needed while training. ``losses.with_training_losses`` says what they are.
+            targets: what to learn (labeling.detectors.networks.losses); needed while training, for which that module's
+                ``with_training_losses`` prepares the network.
 
         Returns:
             While training a dict of losses; else per picture a dict of ``boxes`` (n, 4), ``labels`` (n,),
